@@ -13,6 +13,7 @@ import xarray as xr
 import dechirp as dc
 from bad_input.entries import check_error_is_complete
 from dechirp.processing.angle.base import Directions
+from nightly import nightly
 
 Numbers = int | float | list | np.ndarray
 LINE = 0.5 * np.arange(8)
@@ -288,6 +289,7 @@ def is_any(predicate, result):
     return any(predicate(x).any() for x in (result if isinstance(result, tuple) else (result,)))
 
 
+@nightly
 @pytest.mark.parametrize("name", VALID_ARGUMENTS)
 def test_extreme_argument_gives_numbers_or_one_error(name):
     function, valid_arguments = load_function(name), VALID_ARGUMENTS[name]
@@ -868,6 +870,7 @@ def test_unresolvable_sources_without_noise_raise_no_warning():
     assert np.isnan(result.azimuth_std_rad).all()
 
 
+@nightly
 def test_iterative_adaptive_with_coincident_elements_and_a_large_grid_finds_the_source():
     # Seven elements at one place: their covariance has rank one up to its rounding errors.
     positions = np.r_[np.zeros(7), 2e4]

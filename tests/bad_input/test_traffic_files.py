@@ -8,7 +8,7 @@ import pytest
 
 import dechirp as dc
 from dechirp.cli.main import main
-from nightly import nightly_except
+from nightly import nightly, nightly_except
 from sample_osi_views import make_view
 
 pytest.importorskip("osi3")
@@ -201,6 +201,7 @@ def test_impossible_numbers_of_trajectories_are_refused(tmp_path, capsys, row, e
     assert expected in text
 
 
+@nightly
 def test_thousand_objects_have_scenes(tmp_path):
     others = [
         {"id": 10 + i, "x": 20 + (i % 40) * 4.7, "y": -40 + (i // 40) * 3.3, "vx": 10.0, "vy": 0.0}

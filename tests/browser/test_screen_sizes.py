@@ -218,6 +218,7 @@ def _read_echo_colours(live_page, x: float, y: float) -> np.ndarray:
     return imread(BytesIO(live_page.page.screenshot(clip=box)))
 
 
+@nightly
 def test_axe_finds_nothing_critical_or_serious(shared_page):
     shared_page.page.set_viewport_size({"width": 1280, "height": 720})
     check_accessibility(shared_page)

@@ -435,7 +435,7 @@ def test_interrupted_run_writes_nothing_and_keeps_old_result(run_cli, folder, mo
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs POSIX signals")
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", nightly_except(1, [signal.SIGINT, signal.SIGTERM]))
 @pytest.mark.parametrize("library_fails", [True, False])
 def test_signal_in_callback_of_library_ends_command(
     run_cli, folder, monkeypatch, number, library_fails

@@ -80,6 +80,7 @@ def test_every_documented_tracker_runs(text):
     assert has_tracker or scenario.chain.mitigation
 
 
+@nightly
 @pytest.mark.filterwarnings("ignore::dechirp.PhysicsWarning")
 def test_highway_example_has_documented_tracks_and_ego_speed():
     result = dc.run(dc.load(DOCS.parent / "examples" / "highway.yaml"))

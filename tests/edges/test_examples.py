@@ -23,6 +23,7 @@ SWERLING = {"steady": 0, "swerling-1": 1, "swerling-3": 3}
 LOSSES = 10**0.63
 
 
+@nightly
 def test_overtaking_vehicles_are_detected_in_every_frame_with_few_false_alarms():
     result = dc.run(dc.load(EXAMPLES / "overtaking-car.yaml"))
 

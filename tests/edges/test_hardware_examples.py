@@ -154,6 +154,7 @@ def is_detected(result: dc.Result, frame: int, range_velocity: tuple[float, floa
     return bool((is_near & (detections.frame.values == frame)).any())
 
 
+@nightly
 def test_each_motorcycle_has_two_multipath_ghosts_at_image_positions():
     scenario = load_example("guard-rail")
     result = dc.run(scenario)

@@ -18,7 +18,7 @@ from dechirp.core.display import format_count_with_noun
 from dechirp.core.table_columns import dataset_to_columns
 from dechirp.core.text import format_quantity
 from dechirp.experiments.study.run import StudyOutcome
-from nightly import nightly_except
+from nightly import nightly, nightly_except
 
 EXAMPLES = Path(dc.__file__).parents[2] / "examples"
 
@@ -279,6 +279,7 @@ def test_html_formats_only_rows_that_it_shows(monkeypatch):
     assert len(formatted_targets) == 20
 
 
+@nightly
 @pytest.mark.parametrize(
     "expression",
     nightly_except(

@@ -15,6 +15,7 @@ from dechirp.experiments.scenario import RecordingSource
 from dechirp.processing.cluster import Dbscan
 from dechirp.tracking.ego import EgoMotion
 from dechirp.tracking.tracker import Tracker
+from nightly import nightly
 
 pytestmark = pytest.mark.usefixtures("without_figures")
 
@@ -220,6 +221,7 @@ def test_rejects_tracking_settings_of_wrong_type(result):
             replace(result.scenario, **{name: value})
 
 
+@nightly
 def test_group_tracker_follows_detections_in_place_of_tracker(street, tmp_path, capsys):
     changes = ["--set", "tracker=null", "--set", "group_tracker={min_points: 1}"]
     objects = tmp_path / "objects.csv"

@@ -18,6 +18,7 @@ from dechirp.experiments.study.run import replay_trial
 from dechirp.experiments.study.study import Requirement
 from dechirp.experiments.study.trial_context import build_trial_context
 from dechirp.theory.cfar_correlated_cells import CorrelatedWindow
+from nightly import nightly
 from sample_studies import WINDOW, HitProbability, make_layout, make_study
 
 STUDY = """
@@ -168,6 +169,7 @@ def test_combined_theory_is_mean_of_ratios_and_undefined_for_errors():
     assert single_layout.theoretical_score_value(np.array([0.1]), "range_rmse") == 0.1
 
 
+@nightly
 def test_ordered_statistic_has_more_effective_cells_than_mean(load_study):
     checked_study = load_study(vary="chain.cfar.estimator: [{kind: ordered-statistic}]")
     context = build_trial_context(Plan.from_study(checked_study).scenario_of_point(0))

@@ -114,6 +114,7 @@ def test_terminal_output_shows_failed_claims_and_limits(run_cli, tmp_path, monke
     assert (tmp_path / "here" / "report.html").exists()
 
 
+@nightly
 @pytest.mark.usefixtures("without_paper_figures")
 def test_exit_status_is_zero_when_all_claims_hold(run_cli, monkeypatch):
     result = default_certificate()

@@ -259,6 +259,7 @@ def test_stopped_points_leave_no_items_past_their_end(tmp_path):
     assert file_digests(tmp_path / "two") == file_digests(tmp_path)
 
 
+@nightly
 def test_failed_trial_is_item_of_zeros_marked_not_made(tmp_path, monkeypatch, data):
     processor_class, calls = trials.FrameProcessor, []
 
@@ -421,6 +422,7 @@ def test_statistical_detections_make_a_data_set(tmp_path):
     np.testing.assert_array_equal(rows.target[rows_of_item], trial_result.association.target)
 
 
+@nightly
 def test_random_setting_of_each_trial_is_stored(tmp_path):
     position_setting = RandomSetting(
         path="scene.targets.car.position.0", distribution="uniform", first=10, second=30, unit="m"
@@ -452,6 +454,7 @@ def test_confirmed_size_is_dumped_with_and_without_data_set():
     assert "at_most_bytes" not in dump_study_as_yaml(make_study())
 
 
+@nightly
 def test_study_without_data_set_stores_no_items(tmp_path):
     plain = make_study(keep=())
     assert "keep" not in dump_study_as_yaml(plain)
@@ -462,6 +465,7 @@ def test_study_without_data_set_stores_no_items(tmp_path):
         assert not list(record.iter_packed_items())
 
 
+@nightly
 def test_scores_do_not_depend_on_kept_parts(tmp_path, undisturbed_folder):
     run_to_folder(tmp_path, make_study(keep=()))
     with (
@@ -565,6 +569,7 @@ def test_datasheet_lists_contents_and_is_self_contained(undisturbed_folder, data
         check_pdf_contains_page_text(page)
 
 
+@nightly
 def test_python_code_of_datasheet_reads_an_item(undisturbed_folder, data, monkeypatch):
     code = re.search(
         r"<pre>(import numpy.*?)</pre>",

@@ -14,7 +14,7 @@ from dechirp.experiments.recording_stage import note_rejected_images
 from dechirp.experiments.scenario import RecordingSource
 from dechirp.experiments.tune.trial_sources import RecordingTrialRunner
 from dechirp.experiments.tune.tune import LabelledRecording
-from nightly import nightly_except
+from nightly import nightly, nightly_except
 from radars import street_radar
 
 pytestmark = pytest.mark.usefixtures("without_figures")
@@ -245,6 +245,7 @@ def test_tune_processes_repaired_frames(damaged_recording):
     assert runner.radar.array.n_rx == 3
 
 
+@nightly
 def test_twin_simulates_repaired_frame(damaged_recording):
     twin = dc.twin(damaged_recording)
 

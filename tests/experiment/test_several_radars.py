@@ -29,7 +29,7 @@ from dechirp.experiments.scenario import RecordingSource, check_single_radar
 from dechirp.experiments.single_radars import ego_of_mounted_radar, split_radars
 from dechirp.experiments.study.executors import Workers
 from dechirp.studio.scenario_edits import PageLimits, check_scenario_within_limits
-from nightly import nightly
+from nightly import nightly, nightly_except
 
 FAST = ["traffic.ego=1", "radar.frame.n_chirps=32", "traffic.duration=0.2 s"]
 PAIR = "radars=[{mount: front-left}, {mount: front-right, start_offset: 20 ms}]"
@@ -54,7 +54,7 @@ def radar(trace):
     return dc.traffic.traffic_scenario(trace, FAST).radar
 
 
-@pytest.fixture(scope="module", params=["samples", "statistical"])
+@pytest.fixture(scope="module", params=nightly_except(["statistical"], ["samples", "statistical"]))
 def result(request, trace):
     scenario = dc.traffic.traffic_scenario(trace, [*FAST, PAIR])
     with ThreadPoolExecutor(1) as executor:

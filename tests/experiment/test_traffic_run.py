@@ -92,6 +92,7 @@ def test_detections_belong_to_the_objects_of_the_truth(result):
         )
 
 
+@nightly
 def test_drawn_detections_are_compared_like_those_of_samples(trace):
     scenario = dc.traffic.traffic_scenario(trace, ["traffic.ego=1", *FAST])
     drawn = dc.run(scenario, kind="statistical")

@@ -282,6 +282,7 @@ def test_command_writes_best_settings_and_scenario(folder, reference_result, mon
     assert dc.load(folder / "weak.yaml", overrides).chain == best.chain
 
 
+@nightly
 def test_search_without_admitted_candidate_exits_with_status_1(tmp_path, monkeypatch, capsys):
     text = TUNE.replace(
         "at_most: {false", "at_least: {detection_probability: 0.9999}, at_most: {false"

@@ -68,6 +68,7 @@ def test_files_do_not_depend_on_locale(folder, call, comma_locale):
     assert (folder / "comma.csv").read_bytes() == (folder / "point.csv").read_bytes()
 
 
+@nightly
 def test_month_names_are_english(comma_locale):
     assert format_date_and_time("2026-05-03T09:05:00+00:00") == "3 May 2026, 09:05 UTC"
 

@@ -89,6 +89,7 @@ def test_radar_of_resources_measures_each_view_that_is_due(scenario, tmp_path):
         radar.step()
 
 
+@nightly
 def test_pose_of_traffic_is_packed(scenario, tmp_path):
     pytest.importorskip("pythonfmu", reason="needs the extra fmu")
     changes = ["traffic.pose={position: [1 m, 0.5 m, 0.6 m], yaw: 90 deg}", "n_frames=3"]

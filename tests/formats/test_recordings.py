@@ -34,6 +34,7 @@ from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
 from dechirp.recordings.recording import open as open_recording
 from dechirp.recordings.settings.read import choose_settings_file, read_radar
+from nightly import nightly
 
 
 def make_radar(*, n_chirps=4, n_rx=2, n_samples=8, sampling="complex") -> Radar:
@@ -171,6 +172,7 @@ def test_result_cube_is_read_or_raises_not_enough_memory(tmp_path, monkeypatch):
     assert set(result.detections.frame.values.tolist()) <= {1, 2}
 
 
+@nightly
 def test_recording_larger_than_memory_is_read_by_frame(tmp_path, monkeypatch):
     file = tmp_path / "capture.bin"
     frame_bytes = 4 * 2 * 8 * 4

@@ -55,7 +55,9 @@ OTHER_SETTINGS = [
 
 
 @pytest.mark.parametrize(
-    ("name", "radar", "chain", "words"), OTHER_SETTINGS, ids=["real, padded", "several channels"]
+    ("name", "radar", "chain", "words"),
+    nightly_except(1, OTHER_SETTINGS),
+    ids=["real, padded", "several channels"],
 )
 def test_every_word_equals_model_for_other_settings(tmp_path, name, radar, chain, words):
     frame = draw_frame(radar, words.sample_bits, seed=3)
@@ -64,7 +66,7 @@ def test_every_word_equals_model_for_other_settings(tmp_path, name, radar, chain
     )
 
 
-@pytest.mark.parametrize("scaling", ["block", "halving"])
+@pytest.mark.parametrize("scaling", nightly_except(1, ["block", "halving"]))
 def test_verilator_has_no_warning(tmp_path, scaling):
     words = WordLengths(scaling=scaling)
     for radar, chain, other_words in (
@@ -77,6 +79,7 @@ def test_verilator_has_no_warning(tmp_path, scaling):
 
 # Six frames without a gap: more than both banks of the memory and all delays contain. With block
 # scaling, the memory of the spectra loses at most three clocks at the start of a frame.
+@nightly
 @pytest.mark.parametrize(
     ("scaling", "n_lost"), nightly_except([("block", 3)], [("halving", 0), ("block", 3)])
 )

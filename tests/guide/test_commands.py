@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from nightly import nightly
+
 pytest.importorskip("sphinxcontrib.programoutput")
 pytest.importorskip("myst_nb")
 EXTENSIONS = Path(__file__).parents[2] / "docs" / "_ext"
@@ -51,6 +53,7 @@ def test_commands_and_cells_run_in_order_in_one_folder(build):
     ]
 
 
+@nightly
 def test_unexpected_exit_status_is_reported_with_command_and_page(build):
     _, warnings = build(
         "```{command}\n:returncode: 2\nexit 2\n```\n\n```{command}\necho lost\nfalse | true\n```\n"

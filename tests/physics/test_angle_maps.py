@@ -13,6 +13,7 @@ from dechirp.processing.angle.monopulse import Monopulse
 from dechirp.processing.angle.music import Music
 from dechirp.processing.simd_beamforming import mirrored_beam_weights, raise_to_largest_beam_power
 from dechirp.radar.budget import received_power_w
+from nightly import nightly
 from noise_cubes import simulate_noise_cube
 
 HALF_M = 1.95e-3
@@ -120,6 +121,7 @@ def test_noise_map_is_flat_over_azimuth_and_range(eight_channel_radar):
     assert power.mean("range").values == pytest.approx(strongest * mean, rel=0.2)
 
 
+@nightly
 def test_planar_array_map_keeps_strongest_elevation(eight_channel_radar):
     planar_array = dc.Array(rx_m=[(0, k * HALF_M, j * HALF_M) for k in range(4) for j in range(4)])
     radar = replace(eight_channel_radar, array=planar_array)

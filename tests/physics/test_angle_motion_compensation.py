@@ -11,7 +11,7 @@ from dechirp.radar.multiplexing.bpm import Bpm
 from dechirp.radar.multiplexing.ddma import Ddma
 from dechirp.radar.multiplexing.phase_code import PhaseCode
 from dechirp.radar.multiplexing.tdm import Tdm
-from nightly import nightly_except
+from nightly import nightly, nightly_except
 from noise_cubes import add_noise
 
 HALF_M = 1.94e-3  # half a wavelength
@@ -74,6 +74,7 @@ def test_angle_does_not_depend_on_velocity_for_any_transmit_order(radar, code):
             assert abs(error_deg) < 0.1
 
 
+@nightly
 @pytest.mark.parametrize("code", nightly_except(1, [CODES[2], CODES[8], CODES[14]]), ids=str)
 def test_angle_standard_errors_of_moving_target_are_correct(radar, code):
     radar, rng = make_mimo_radar(radar, code), np.random.default_rng(2)

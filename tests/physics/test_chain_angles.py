@@ -31,6 +31,7 @@ from dechirp.radar.multiplexing.phase_code import PhaseCode
 from dechirp.report.page import render_report
 from dechirp.results.text_files import to_json_text
 from dechirp.theory.direction_bounds import unit_vectors
+from nightly import nightly
 
 TDM_CODE = dc.multiplexing.Tdm(order=(0, 1, 2))
 ANGLES = ("azimuth", "elevation", "azimuth_std", "elevation_std")
@@ -430,6 +431,7 @@ def test_errors_of_aliased_targets_refer_to_reported_ambiguity(radar):
     assert ambiguous_detections.velocity.item() < 0 < detections.velocity.item()
 
 
+@nightly
 def test_report_shows_angles_and_errors_in_degrees(radar):
     radar = make_mimo_radar(radar, TDM_CODE)
     scenario = dc.Scenario(radar=radar, scene=dc.Scene(targets=[make_target(-20, 3)]))

@@ -22,6 +22,7 @@ from dechirp.processing.detect import detect
 from dechirp.processing.moving_targets import MovingTargetMap
 from dechirp.radar.cube import label_cube
 from dechirp.recordings.samples.continuous import join_single_chirps
+from nightly import nightly
 
 N_CHIRPS, N_SAMPLES = 32, 128
 CHIRP = dc.Chirp(
@@ -179,6 +180,7 @@ def test_static_and_moving_targets_are_both_marked():
     assert ranges_in_cells(static) == pytest.approx([tone[0] for tone in STATIC], abs=0.05)
 
 
+@nightly
 def test_map_of_moving_targets_keeps_false_alarm_probability():
     # At 1e-3 a map of 32 x 128 cells, of which the filter leaves 29 x 128, has 3.7 false cells, of
     # which most are local maxima: as many as without static echoes. 60 frames, z below 5.

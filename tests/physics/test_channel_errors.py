@@ -140,7 +140,7 @@ def test_finding_recommends_no_estimator_of_two_sources_where_one_is_used(radar)
     assert "dechirp calibrate" in finding.fix and "n_sources" not in finding.fix
 
 
-@pytest.mark.parametrize("n_elements", [3, 4])
+@pytest.mark.parametrize("n_elements", nightly_except(1, [3, 4]))
 @pytest.mark.parametrize("phase_std_deg", nightly_except([20], [5, 20]))
 def test_few_elements_state_the_errors_of_typical_boards(radar, n_elements, phase_std_deg):
     radar, rng, n_trials = make_radar(radar, 1, n_elements), np.random.default_rng(8), 500
@@ -257,6 +257,7 @@ def test_note_states_that_pairs_of_elements_do_not_show_their_phases(radar, tmp_
     assert "2 elements have no phases" in note and "5 receivers of one transmitter" in note
 
 
+@nightly
 def test_sidelobes_from_the_same_direction_do_not_hide_phases_of_channels(radar):
     radar, rng, n_trials = make_radar(radar, 1), np.random.default_rng(11), 400
     aperture = checked_direction_aperture(radar, dc.FieldOfView())

@@ -201,6 +201,7 @@ def test_rejects_training_window_larger_than_map(radar):
         dc.detect(cube, radar, dc.Chain(cfar=cfar))
 
 
+@nightly
 def test_finding_reports_guard_window_inside_main_lobe(radar):
     assert chain_findings(radar, dc.Chain()) == []
     # The main lobe of a Hann window, padded by 16, reaches 32 bins to either side.

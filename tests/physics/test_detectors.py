@@ -249,6 +249,7 @@ def measure_clutter_edge_rates(kind, clutter, n_maps, seed):
     return edge_rate, noise_rate
 
 
+@nightly
 def test_greatest_of_keeps_false_alarm_rate_at_clutter_edge():
     rates = {kind: measure_clutter_edge_rates(kind, 100.0, 60, seed=314) for kind in MEMBERS}
     assert all(noise_rate == pytest.approx(1e-3, rel=0.1) for _, noise_rate in rates.values())
@@ -276,6 +277,7 @@ def test_greatest_of_keeps_false_alarm_rate_at_clutter_edge():
 # Findings
 
 
+@nightly
 def test_finding_reports_uncertainty_of_calibrated_factor(radar):
     cells = {"n_training": TRAINING_CELLS, "n_guard": GUARD_CELLS}
     for window, kind, is_reported in (

@@ -13,7 +13,7 @@ from dechirp.radar.velocity_ambiguity import unambiguous_velocity_span_m_per_s
 from dechirp.tracking.doppler_fit import Sightings, fit_radar_velocity
 from dechirp.tracking.ego import EgoMotion, ego_motion, label_static_and_moving
 from dechirp.tracking.mounting import mounting_angle
-from nightly import nightly_except
+from nightly import nightly, nightly_except
 
 HIGHWAY = Path(__file__).parents[2] / "examples" / "highway.yaml"
 STATIC_TARGETS = {"right-rail", "left-rail", "stranded-car", "sign", "bridge", "emergency-phone"}
@@ -96,6 +96,7 @@ def test_velocity_fit_covariance_is_correct(azimuth_std, velocity_std, model_err
     assert 0.74 < squares.mean() < 1.18
 
 
+@nightly
 def test_azimuth_errors_do_not_bias_velocity_fit():
     rng = np.random.default_rng(3)
     n_trials, v = 1000, np.array([30.0, 0.0])
@@ -335,6 +336,7 @@ def draw_ego_motions(rng, n_frames, yaw, speed, covariance):
     return xr.Dataset(variables, coords={"frame": np.arange(n_frames)})
 
 
+@nightly
 def test_mounting_angle_standard_error_is_correct():
     rng = np.random.default_rng(7)
     n_trials, n_frames, yaw = 1000, 50, np.radians(-110.0)

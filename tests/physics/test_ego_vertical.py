@@ -57,6 +57,7 @@ def test_three_components_follow_the_majority(velocity):
     assert labels.tolist() == ["moving"] * 15 + ["static"] * 35
 
 
+@nightly
 def test_covariance_of_three_components_is_correct():
     """The mean of e' C^-1 e over 3 is 1: standard error 0.029 in 800 trials, 5 of them allowed.
 

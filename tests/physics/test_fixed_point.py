@@ -272,6 +272,7 @@ def test_16_bit_chain_reproduces_floating_point_detections_of_reference(scenario
     assert abs(result.range[cells[0, 1]].item() - 50) < 0.54
 
 
+@nightly
 def test_differing_cells_are_close_to_threshold(scenario, frame):
     # 5,200 of 524,288 cells exceed the threshold at 1e-2, and as many are within 1 dB of it. Noise
     # 76 dB above the rounding error changes cell powers by 0.003 dB, four times that with two bits
@@ -366,6 +367,7 @@ def test_false_alarm_rate_of_noise_holds_down_to_8_bits(radar):
     assert over_bits.n_only_one.sel(bits=16) <= 0.01 * over_bits.n_float.sel(bits=16)
 
 
+@nightly
 def test_truncation_causes_false_alarms_at_zero_velocity(radar):
     frame = simulate_noise_cube(radar, np.random.default_rng(9)).isel(frame=0)
 

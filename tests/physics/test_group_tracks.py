@@ -287,7 +287,7 @@ TURN_RATES = np.where(np.arange(130) * INTERVAL_S < 2, 0.0, 0.5)
 
 @pytest.mark.parametrize(
     ("path", "turn_rates"),
-    [(braking_path(), None), (turning_path(), TURN_RATES)],
+    nightly_except(1, [(braking_path(), None), (turning_path(), TURN_RATES)]),
     ids=["braking", "turning"],
 )
 def test_manoeuvring_car_is_followed_by_interacting_models(path, turn_rates):
@@ -436,6 +436,7 @@ def test_turning_car_near_the_radar_keeps_its_position_and_size(turn_rate, speed
 # Several objects
 
 
+@nightly
 def test_points_of_crossing_people_are_divided_between_their_tracks():
     paths = [straight_path(160, 3, 0.8, y, -0.3 * y) for y in (-2, 2)]
     points = draw_points(np.random.default_rng(1), paths, covariance=PERSON, mean_count=8)

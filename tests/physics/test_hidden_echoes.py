@@ -14,6 +14,7 @@ from dechirp.processing.hidden_echoes import (
     hidden_levels,
     unsearched_echo_findings,
 )
+from nightly import nightly, nightly_except
 from physics.test_sidelobe_rejection import STATIC_CFAR, make_radar, simulate_tones
 
 N_TRIALS = 12
@@ -41,7 +42,7 @@ def make_map_and_threshold(cube, radar, chain):
 
 
 @pytest.mark.parametrize("cfar", [STATIC_CFAR, dc.Chain.cfar], ids=["velocity", "both axes"])
-@pytest.mark.parametrize("n_cells", [3, 5, 8])
+@pytest.mark.parametrize("n_cells", nightly_except([5], [3, 5, 8]))
 def test_echoes_are_hidden_below_stated_level_and_found_above(cfar, n_cells):
     radar = make_radar()
     chain = dc.Chain(cfar=cfar).fit_to_radar(radar)
@@ -204,6 +205,7 @@ def test_echo_beyond_the_largest_range_of_the_chain_is_not_named_as_unsearched()
     assert run_with_target(127.0, 3.7, chain=chain)[0] == []
 
 
+@nightly
 def test_noise_at_half_the_sample_rate_is_not_named_as_echo():
     # 1 + rho times the threshold bounds the probability of each of 64 x 2 cells by 1e-6; at 1e-4,
     # 30 maps have 0.4 false alarms at most, and 9 or more with a probability below 1e-9.

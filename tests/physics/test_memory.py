@@ -8,7 +8,7 @@ import pytest
 import dechirp as dc
 from dechirp.processing.angle.base import DirectionEstimator
 from dechirp.processing.cfar.base import NoiseEstimator, TrainingWindow
-from nightly import nightly_except
+from nightly import nightly, nightly_except
 from noise_cubes import simulate_noise_cube
 from snapshots import random_phasors, rectangular_array, simulate_snapshots, uniform_linear_array
 
@@ -26,6 +26,7 @@ def measure_peak_bytes(work):
         tracemalloc.stop()
 
 
+@nightly
 @pytest.mark.parametrize("kind", [*NoiseEstimator.members()])
 def test_thresholds_and_masks_need_less_than_three_maps(kind):
     estimator = NoiseEstimator.members()[kind]()
@@ -39,6 +40,7 @@ def test_thresholds_and_masks_need_less_than_three_maps(kind):
 
 
 # Covariances of 1,000 detections at 192 channels would need 295 MB.
+@nightly
 @pytest.mark.parametrize(
     "array",
     nightly_except(1, [uniform_linear_array(192), rectangular_array(16, 12)]),

@@ -16,7 +16,7 @@ from dechirp.processing.mitigation.noise_loss import (
     sufficient_noise_gain_mask,
 )
 from dechirp.processing.spectrum import Transform, mean_range_doppler_power
-from nightly import nightly_except
+from nightly import nightly, nightly_except
 from noise_cubes import simulate_noise_cube
 
 FILTERS = [MeanSubtraction(), *(MovingTargetIndication(order=n) for n in (1, 2, 3))]
@@ -273,6 +273,7 @@ def unit_noise_power(radar, axis_transforms):
     return chains[0] * chains[1] * (1 if radar.frame.chirp.sampling == "complex" else 2)
 
 
+@nightly
 @pytest.mark.parametrize(
     "method",
     nightly_except(1, [MeanSubtraction(), MovingTargetIndication(order=2)]),

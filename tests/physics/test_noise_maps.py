@@ -15,7 +15,7 @@ from dechirp.processing.range_doppler_map import range_doppler_power
 from dechirp.processing.spectrum import noise_gain
 from dechirp.processing.virtual_array import split_chirps_into_slots
 from dechirp.theory import confidence_intervals
-from nightly import NIGHTLY, nightly_except
+from nightly import NIGHTLY, nightly, nightly_except
 from noise_cubes import simulate_noise_cube
 
 # Two-sided confidence of each test below.
@@ -99,6 +99,7 @@ def test_drawn_powers_are_gamma_distributed(radar, windows, n_rx):
     assert distance < np.sqrt(np.log(2 / (1 - CONFIDENCE)) / (2 * n))
 
 
+@nightly
 @pytest.mark.parametrize("windows", WINDOWS[1:] if NIGHTLY else WINDOWS[1:2])
 def test_drawn_and_simulated_maps_have_same_alarm_statistics(radar, windows):
     radar = resize_radar(radar, 64, 48, n_rx=2)

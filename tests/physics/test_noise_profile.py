@@ -10,6 +10,7 @@ from dechirp.processing.chain import Chain
 from dechirp.processing.moving_targets import MovingTargetMap
 from dechirp.processing.noise_profile import noise_excess_of_ranges, noise_profile_findings
 from dechirp.radar.cube import label_cube
+from nightly import nightly
 
 CHAIN = Chain(moving_targets=MovingTargetMap()).fit_to_radar(RADAR).moving_target_chain()
 NOISY_CELLS = range(3, 7)
@@ -99,6 +100,7 @@ def test_noise_that_rises_towards_zero_range_causes_no_movers(tmp_path):
     assert choice.value.endswith("and noise rises towards zero range")
 
 
+@nightly
 def test_training_cells_along_velocity_hide_no_wide_doppler_spectrum(tmp_path):
     # A target of 13 velocities, as of a person who walks: more than the guard cells.
     wide = [(60.0, velocity, 40) for velocity in range(-10, 3)]

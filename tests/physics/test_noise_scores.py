@@ -133,6 +133,7 @@ def test_offset_without_theory_gives_nan(radar):
     assert threshold[24, 32] == pytest.approx(20.0, rel=0.02)
 
 
+@nightly
 @pytest.mark.parametrize(
     ("window", "n_rx"),
     [("hann", 1), ("rectangular", 1), ("blackman-harris", 2)][: 3 if NIGHTLY else 1],

@@ -234,6 +234,7 @@ def test_second_run_of_reference_imports_neither_numba_nor_scipy(tmp_path, monke
     assert (process.returncode, process.stdout.split()) == (0, [])
 
 
+@nightly
 def test_list_of_families_imports_no_large_part_of_scipy():
     script = IMPORTS_SCRIPT.replace('["run", "--quiet"]', '["list", "--json"]')
     script = script.replace("print(", "print(file=sys.stderr, ")

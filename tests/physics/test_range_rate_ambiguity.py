@@ -13,6 +13,7 @@ from dechirp.radar.velocity_ambiguity import (
     range_shift_per_ambiguity_m,
     unambiguous_velocity_span_m_per_s,
 )
+from nightly import nightly
 
 SOUND_CARD = dc.Radar(
     frame=dc.Frame(
@@ -51,6 +52,7 @@ def make_columns(frame, time_s, range_m, velocity):
     return columns, number
 
 
+@nightly
 def test_stated_probabilities_are_those_of_correct_numbers():
     rng, frame = np.random.default_rng(2), np.arange(10)
     time_s = frame * FRAME_S

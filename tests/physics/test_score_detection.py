@@ -44,6 +44,7 @@ def measure_detection_probability(case, n_trials: int):
     )
 
 
+@nightly
 def test_detection_probability_matches_theory():
     case = trial_context(small_radar(4), HANN, 17.0)
 

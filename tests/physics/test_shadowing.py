@@ -23,6 +23,7 @@ from dechirp.scene.shadowing import (
     shadowed_amplitudes,
 )
 from dechirp.theory.knife_edge import field_beyond_edge, knife_edge_field, knife_edge_loss_db
+from nightly import nightly
 
 pytestmark = pytest.mark.filterwarnings("ignore::dechirp.PhysicsWarning")
 
@@ -427,6 +428,7 @@ def test_degenerate_geometry_yields_finite_amplitudes():
         assert amplitudes.min() >= 0 and amplitudes.max() < 1.4**n * 1.2
 
 
+@nightly
 def test_thousand_bodies_take_bounded_memory(radar):
     sphere = dc.bodies.Sphere(radius_m=0.5)
     targets = [
@@ -504,6 +506,7 @@ def test_boxes_follow_the_heading_of_bodies():
     np.testing.assert_allclose(screens.bands_m, [[[-np.inf, 1.1]]])
 
 
+@nightly
 def test_report_states_that_a_missed_target_is_shadowed():
     scenario = dc.load(
         EXAMPLES / "crossing.yaml",
@@ -516,6 +519,7 @@ def test_report_states_that_a_missed_target_is_shadowed():
     assert "no, shadowed by 76 dB" in render_report(dc.run(scenario), yaml="name: crossing\n")
 
 
+@nightly
 def test_statistical_sensor_draws_no_detections_of_shadowed_targets():
     scenario = dc.load(
         EXAMPLES / "crossing.yaml",

@@ -163,6 +163,7 @@ def test_no_sidelobe_beside_extended_echo_is_listed_as_target(n_cells, ratio_db,
     assert np.all(squares.mean(axis=0) < 1.3 * chance)
 
 
+@nightly
 @pytest.mark.parametrize("ratio_db", nightly_except([60], [45, 60, 70]))
 def test_errors_beside_extended_echo_32_cells_away_match_stated_ones(ratio_db):
     """The sums of 4 samples that start the estimate alias the echo onto the target."""
@@ -380,6 +381,7 @@ def test_errors_of_strong_target_contain_echo_within_four_cells(offset_cells, ra
     assert np.all(squares.mean(axis=0) < chi2.ppf(1 - 1e-7, n_trials) / n_trials)
 
 
+@nightly
 def test_static_echoes_widen_the_error_of_a_static_velocity_by_little():
     radar = make_radar(n_chirps=64)
     cell = radar.frame.velocity_resolution_m_per_s
@@ -418,6 +420,7 @@ def test_two_tones_two_bins_apart_are_refined_until_they_change_no_more():
     assert abs(tones.slow - slow).max() * bins < 1e-5
 
 
+@nightly
 def test_equal_targets_one_and_a_half_cells_apart_are_not_merged():
     # A Hann window merges them: both would be detected in 91 of 100 trials instead of all.
     trials = run_resolution_trials(

@@ -44,6 +44,7 @@ def test_static_target_range_reaches_bound_without_velocity(radar, sampling):
     assert np.mean(np.square(errors)) == pytest.approx(1, abs=0.5)
 
 
+@nightly
 def test_false_alarm_rate_of_one_chirp_matches_design(radar):
     radar, chain = (
         reduce_to_one_chirp(radar),

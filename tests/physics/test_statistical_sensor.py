@@ -305,6 +305,7 @@ def test_scatterers_of_a_body_form_the_strongest_peak_of_its_samples():
     assert np.mean(np.array(errors) < 0.1) >= 0.75
 
 
+@nightly
 def test_strong_target_masks_weak_one_for_cell_averaging_only():
     # Separation beyond the guard cells and beyond the main lobe of a Hann window.
     radar, weak_shares = build_radar(1), {}

@@ -174,6 +174,7 @@ def test_errors_reach_bounds_of_all_transmitters(radar):
     assert np.mean(np.square(errors), axis=0) == pytest.approx(1, abs=0.5)
 
 
+@nightly
 def test_false_alarm_rate_of_four_channels_matches_design(radar):
     chirp = replace(radar.frame.chirp, n_samples=64)
     radar = replace(radar, frame=replace(radar.frame, chirp=chirp))

@@ -510,6 +510,7 @@ def test_joint_shares_match_enumeration_of_joint_events():
     assert np.all(shares > 0.01)  # all six pairs are gated
 
 
+@nightly
 def test_shares_of_many_tracks_approximate_exact_sums(monkeypatch):
     rng = np.random.default_rng(3)
     positions_m = rng.normal(size=(9, 2)) * [0.1, 0.25] + [40, 0]

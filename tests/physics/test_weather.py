@@ -22,7 +22,7 @@ from dechirp.theory.rain_backscatter import (
     rain_reflectivity_per_m4,
 )
 from dechirp.theory.water_permittivity import water_film_loss
-from nightly import nightly_except
+from nightly import nightly, nightly_except
 
 HEAVY_RAIN_M_PER_S = 25e-3 / 3600
 FAR_SCENE = dc.Scene(targets=[dc.Target(position_m=(70.0, 5.0, 0.0), velocity_m_per_s=(-3, 1, 0))])
@@ -176,6 +176,7 @@ def test_rain_backscatter_follows_volume_radar_equation(radar, hardware):
         assert abs(clutter_w.mean() - expected_w) < 4 * error_w + 0.005 * expected_w
 
 
+@nightly
 def test_rain_is_speckle_with_exponential_powers(radar):
     cube = dc.simulate(
         dc.Scene(),

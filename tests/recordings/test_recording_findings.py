@@ -9,6 +9,7 @@ import xarray as xr
 from dechirp.processing.quality.findings import recording_findings
 from dechirp.processing.quality.measures import measure_frame_quality
 from dechirp.recordings.recording import open as open_recording
+from nightly import nightly
 from recordings.real_recordings import RECORDINGS, open_real_recording
 
 # Chirp 0 of both captures starts with a settling transient.
@@ -52,6 +53,7 @@ def test_iq_image_of_real_mixer_has_measured_strength(real_data):
     assert 1 / image == pytest.approx(3.2, rel=0.15)
 
 
+@nightly
 def test_iq_image_of_real_mixer_follows_delay_of_half_sample(real_data):
     recording = open_walk(real_data, 16)
     radar = recording.radar

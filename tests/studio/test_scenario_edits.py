@@ -18,6 +18,7 @@ from dechirp.studio.scenario_edits import (
     check_scenario_within_limits,
     parse_scenario,
 )
+from nightly import nightly
 
 DEFAULT_LIMITS = PageLimits()
 REFERENCE_TEXT = dump_yaml(reference())
@@ -177,6 +178,7 @@ def test_computed_scenarios_obey_same_limits() -> None:
         check_scenario_within_limits(reference(), PageLimits(max_samples=281_599))
 
 
+@nightly
 def test_total_number_of_mesh_rays_is_limited(tmp_path: Path) -> None:
     trimesh = pytest.importorskip("trimesh")
     trimesh.creation.box((2.0, 1.0, 1.0)).export(tmp_path / "box.stl")  # 2.45 m across

@@ -12,6 +12,7 @@ import dechirp as dc
 from dechirp.studio.frame_player import FramePlayer
 from dechirp.studio.page import build_live_page
 from dechirp.studio.scenario_edits import PageLimits, apply_overrides
+from nightly import nightly
 
 TRACE = """time,id,class,x,y,heading,length,width,height
 0.0,1,car,0,0,0,4.5,1.8,1.5
@@ -48,6 +49,7 @@ def test_steps_show_the_frames_of_a_run_and_repeat(scenario):
         assert state.truth["range"].item() == pytest.approx(np.linalg.norm(offsets_m), abs=1e-9)
 
 
+@nightly
 def test_page_of_traffic_has_no_empty_layout(scenario):
     document = Document()
 

@@ -112,6 +112,7 @@ def make_hann_window(n_range, n_velocity):
     )
 
 
+@nightly
 def test_hann_window_leaves_one_independent_cell_in_1_944_or_3_78():
     # 1 + 2 (4 / 9 + 1 / 36) along one axis; one cell in a thousand, at the ends and around the
     # cell under test, has fewer neighbours.

@@ -14,7 +14,7 @@ from dechirp.core.errors import InvalidSetting
 from dechirp.core.units import from_decibels, to_decibels
 from dechirp.theory import cfar, cfar_detection
 from dechirp.theory.detection import exceedance_probability
-from nightly import nightly_except
+from nightly import nightly, nightly_except
 
 SWERLING = (0, 1, 2, 3, 4)
 
@@ -385,6 +385,7 @@ def test_factor_gives_its_probability_and_falls_with_false_alarm_rate(law, pfa):
     assert find_factor(pfa * 1.001, **parameters) < factor
 
 
+@nightly
 @settings(max_examples=100, deadline=None)
 # Swerling 3 and 4 take 4e5 terms (1 s) for halves of one cell at 1e-12 and 40 dB.
 @given(law=laws(), pfa=PFA, swerling=st.sampled_from([0, 1, 2]))

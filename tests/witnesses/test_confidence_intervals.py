@@ -14,6 +14,7 @@ from dechirp.theory.confidence_intervals import (
     rate_interval,
     rms_interval,
 )
+from nightly import nightly
 
 CONFIDENCES = [0.5, 0.95, 1 - 1e-4, 1 - 1e-9]
 
@@ -134,6 +135,7 @@ def test_interval_of_clustered_event_rate_covers_as_often_as_stated():
     assert np.mean(abs(counts.mean(axis=1) - 800) < as_singles) < 0.55
 
 
+@nightly
 def test_interval_of_few_single_events_covers_at_least_as_stated():
     rng = np.random.default_rng(33)
     for per_block in (0.05, 0.5, 5.0):

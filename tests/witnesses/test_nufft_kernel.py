@@ -29,7 +29,7 @@ from dechirp.simulation.kernels.taylor import (
 )
 from dechirp.simulation.kernels.taylor import fill_tone_blocks as fill_blocks
 from dechirp.simulation.kernels.tones import mask_scatterers_with_largest_errors
-from nightly import NIGHTLY
+from nightly import NIGHTLY, nightly
 
 # Specified RMS error of the kernel relative to the echoes.
 MAX_RELATIVE_ERROR = 1e-5
@@ -222,6 +222,7 @@ def test_random_scenes_meet_tolerance(
     assert compute_error(echoes, scatterers, transmission, n_samples, n_chirps=3) < tolerance
 
 
+@nightly
 def test_many_scatterers_match_plain_sum():
     rng = np.random.default_rng(8)
     transmission, n_samples = make_transmission("middle", 64)
