@@ -422,7 +422,8 @@ def kernels_called_from_python():
     trees = {
         ".".join(("dechirp", *path.relative_to(ROOT).with_suffix("").parts)): parse_file(path)
         for path in ROOT.rglob("*.py")
-        if "compiled_kernels" in path.read_text(encoding="utf-8") or "kernels" in path.parts
+        if "compiled_kernels" in path.read_text(encoding="utf-8")
+        or "kernels" in path.relative_to(ROOT).parts
     }
     modules = {name: importlib.import_module(name) for name in trees}
     kernels = {k for m in modules.values() for k in vars(m).values() if isinstance(k, Kernel)}
@@ -477,22 +478,62 @@ def test_each_twin_that_python_calls_equals_its_kernel_in_some_test(tmp_path):
     assert names - differences.keys() == {REASSEMBLY}
 
 
-def test_change_of_a_called_kernel_in_another_file_is_compiled(tmp_path):
-    """Numba alone keeps the compiled code of `caller` while its own file is unchanged."""
-    importing = "from dechirp.core.compiled_kernels import kernel\n"
-    function = "\n\n@kernel()\ndef {}(x: int) -> int:\n    return {}\n"
-    (tmp_path / "caller.py").write_text(
-        f"{importing}from middle import middle\n{function.format('caller', 'middle(x)')}"
-    )
-    (tmp_path / "middle.py").write_text(
-        f"{importing}from last import last\n{function.format('middle', 'last(x)')}"
-    )
+KERNEL_MODULE = """
+from dechirp.core.compiled_kernels import kernel
+{imports}
+
+@kernel()
+def {name}(x: int) -> int:
+    return {result}
+"""
+INTRINSIC_MODULE = """
+from numba.core import types
+from numba.extending import intrinsic
+
+@intrinsic
+def add_offset(context, x):
+    def build(context, builder, signature, values):
+        return builder.add(values[0], context.get_constant(types.int64, {offset}))
+
+    return types.int64(types.int64), build
+"""
+
+
+def test_changes_in_the_files_that_a_kernel_uses_are_compiled(tmp_path):
+    """Numba alone keeps the compiled code of `outer` while its own file is unchanged."""
+    imports = "from loops.constants import SCALE, STEPS\nfrom loops.offset import add_offset"
+    inner = KERNEL_MODULE.replace("{imports}", imports).replace("{name}", "inner")
+    files = {
+        "outer": KERNEL_MODULE.format(
+            imports="from loops.middle import middle", name="outer", result="middle(x)"
+        ),
+        "middle": KERNEL_MODULE.format(
+            imports="from loops.inner import inner", name="middle", result="inner(x)"
+        ),
+        "inner": inner.format(result="add_offset(x) + SCALE * STEPS[0]"),
+        "constants": "import numpy as np\nSCALE, STEPS = 1, np.array([1])\n",
+        "offset": INTRINSIC_MODULE.format(offset=0),
+    }
+    changes = [
+        files,
+        {},
+        {"inner": inner.format(result="add_offset(x) + SCALE * STEPS[0] + 20")},
+        {"constants": "import numpy as np\nSCALE, STEPS = 300, np.array([1])\n"},
+        {"constants": "import numpy as np\nSCALE, STEPS = 300, np.array([10])\n"},
+        {"offset": INTRINSIC_MODULE.format(offset=40_000)},
+    ]
+    script = """
+from loops.outer import outer
+print(outer(1), "loaded" if outer.dispatcher.stats.cache_hits else "compiled")
+"""
+    (tmp_path / "loops").mkdir()
     results = []
-    for body in ("x + 1", "x + 1", "x + 222"):
-        (tmp_path / "last.py").write_text(importing + function.format("last", body))
+    for change in changes:
+        for name, content in change.items():
+            (tmp_path / "loops" / f"{name}.py").write_text(content)
         results.append(
             subprocess.run(
-                [sys.executable, "-c", "from caller import caller; print(caller(1))"],
+                [sys.executable, "-c", script],
                 cwd=tmp_path,
                 env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "kept")},
                 capture_output=True,
@@ -501,7 +542,14 @@ def test_change_of_a_called_kernel_in_another_file_is_compiled(tmp_path):
             ).stdout.strip()
         )
 
-    assert results == ["2", "2", "223"]
+    assert results == [
+        "2 compiled",
+        "2 loaded",
+        "22 compiled",
+        "321 compiled",
+        "3021 compiled",
+        "43021 compiled",
+    ]
 
 
 def test_twin_of_reassembly_writes_equal_frames(differences):

@@ -30,7 +30,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cache, cached_property
 from pathlib import Path
-from types import SimpleNamespace
+from types import CodeType, SimpleNamespace
 from typing import Any, Final, Protocol, TypeVar, cast
 
 from dechirp.core.errors import DechirpError, InvalidSetting
@@ -140,26 +140,36 @@ class Kernel:
     def dispatcher(self) -> Any:
         """The function as Numba's dispatcher, compiled for each signature when called with it."""
         dispatcher = _import_numba().njit(**self.options)(self.function)
-        # Numba keeps compiled code, which contains that of called kernels, while the function's own
-        # file is unchanged. The stamp therefore covers the files of the called kernels too.
+        # Numba keeps compiled code while the function's own file is unchanged, though it contains
+        # the code of called kernels and intrinsics and the values of constants of other files.
         cache_file = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
         if cache_file is not None:
-            kernels = self._with_called_kernels()
-            paths = sorted({kernel.function.__code__.co_filename for kernel in kernels})
-            cache_file._source_stamp = (cache_file._source_stamp, *map(_stamp_file, paths))
+            cache_file._source_stamp = (cache_file._source_stamp, self._read_stamp())
         return dispatcher
 
-    def _with_called_kernels(self) -> "set[Kernel]":
-        """Return the kernel and those that it calls, directly or through others."""
-        kernels, remaining = set[Kernel](), [self]
+    def _read_stamp(self) -> tuple[Any, ...]:
+        """Return the files and constants of the kernel and of those that it calls, at any depth.
+
+        The stamp is equal in all processes, and in a copy of the folder with its cache. It contains
+        no files of other packages, which differ between environments that share a cache.
+        """
+        paths, constants = set[str](), dict[tuple[str, str], Any]()
+        kernels, remaining = {self}, [self]
         while remaining:
-            kernel = remaining.pop()
-            kernels.add(kernel)
-            for name in kernel.function.__code__.co_names:
-                value = kernel.function.__globals__.get(name)
-                if isinstance(value, Kernel) and value not in kernels:
-                    remaining.append(value)
-        return kernels
+            function = remaining.pop().function
+            module = function.__module__
+            paths.add(function.__code__.co_filename)
+            for name in _list_names(function.__code__) & function.__globals__.keys():
+                value = function.__globals__[name]
+                if isinstance(value, Kernel):
+                    if value not in kernels:
+                        kernels.add(value)
+                        remaining.append(value)
+                elif (constant := _encode_constant(value)) is not None:
+                    constants[module, name] = constant
+                elif source := _find_file(value, module.partition(".")[0]):
+                    paths.add(source)
+        return (*map(_read_file_stamp, sorted(paths)), *sorted(constants.items()))
 
     @property
     def used_dispatcher(self) -> Any:
@@ -173,8 +183,32 @@ class Kernel:
         raise AttributeError(name)
 
 
-def _stamp_file(path: str) -> tuple[float, int] | None:
-    """Return what changes with a file: its time and size; None in an archive."""
+def _list_names(code: CodeType) -> set[str]:
+    """Return the names of globals and attributes in a function and the functions inside it."""
+    inner = (_list_names(part) for part in code.co_consts if isinstance(part, CodeType))
+    return set(code.co_names).union(*inner)
+
+
+def _encode_constant(value: Any) -> Any:
+    """Return a number, text, array or tuple of these exactly, in built-in types; else None."""
+    import numpy as np  # here, as the command line imports this module
+
+    if isinstance(value, tuple):
+        return tuple(map(_encode_constant, value))
+    if isinstance(value, np.ndarray | np.generic):
+        return value.dtype.str, value.shape, value.tobytes()
+    return repr(value) if isinstance(value, int | float | complex | str) else None
+
+
+def _find_file(value: Any, package: str) -> str | None:
+    """Return the file of a function or class of a package; None for other values."""
+    module = str(getattr(value, "__module__", ""))
+    is_of_package = module.partition(".")[0] == package
+    return getattr(sys.modules.get(module), "__file__", None) if is_of_package else None
+
+
+def _read_file_stamp(path: str) -> tuple[float, int] | None:
+    """Return the modification time and size of a file; None if it is unreadable."""
     try:
         stat = Path(path).stat()
     except OSError:
