@@ -499,6 +499,7 @@ def add_offset(context, x):
 """
 
 
+@nightly
 def test_changes_in_the_files_that_a_kernel_uses_are_compiled(tmp_path):
     """Numba alone keeps the compiled code of `outer` while its own file is unchanged."""
     imports = "from loops.constants import SCALE, STEPS\nfrom loops.offset import add_offset"
