@@ -33,6 +33,8 @@ from nightly import NIGHTLY, nightly
 from tiny_study import TinyPlan, ledger_digest, run_tiny_study
 
 N_KILLS = 30 if NIGHTLY else 3
+KEPT: list[np.ndarray] = []
+"""Arrays that a worker keeps after its calls."""
 
 
 class ShuffledExecutor(Executor):
@@ -225,6 +227,26 @@ def test_worker_stops_if_callback_of_library_loses_first_signal(capfd):
 def _send_sigterm_in_ctypes_callback() -> None:
     ctypes.CFUNCTYPE(None)(lambda: os.kill(os.getpid(), signal.SIGTERM))()
     time.sleep(5)
+
+
+@nightly
+def test_worker_that_needs_more_memory_for_larger_blocks_stays():
+    """loky replaces a worker that needs 300 MB more than after its first call."""
+    pool = RestartablePool(1)
+    try:
+        pids = [
+            pool.submit(_keep_bytes_and_return_pid, n_bytes).result(timeout=60)
+            for n_bytes in (0, 4e8, 0)
+        ]
+    finally:
+        pool.shutdown()
+    assert len(set(pids)) == 1
+
+
+def _keep_bytes_and_return_pid(n_bytes: float) -> int:
+    KEPT.append(np.ones(int(n_bytes), np.uint8))
+    time.sleep(1.1)  # loky looks at the memory once a second
+    return os.getpid()
 
 
 def start_study(out: Path, *options: str) -> subprocess.Popen[str]:
