@@ -175,6 +175,7 @@ def test_surprises_of_osi_traces_are_findings_with_object_and_time(tmp_path, vie
     assert expected in " ".join(map(str, scenes.findings))
 
 
+@nightly
 def test_command_states_the_findings_of_a_trace(tmp_path, capsys, without_figures):
     views = make_views(others=[{"id": 3, "x": 4.0, "vx": 0.0, "vy": 0.0}])
 

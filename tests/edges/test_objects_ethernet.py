@@ -23,6 +23,7 @@ from dechirp.results.object_lists.ethernet import (
 from dechirp.results.object_lists.files import read_objects, write_objects
 from dechirp.results.object_lists.list_columns import MEASURED
 from dechirp.results.object_lists.priority import sort_by_priority
+from nightly import nightly
 from sample_object_lists import (
     check_object_lists_agree,
     longest_object_list,
@@ -176,6 +177,7 @@ def test_lost_or_late_datagrams_are_reported_and_no_list_is_partial(loss):
     check_object_lists_agree(result, objects.isel(object=np.isin(objects.frame, frames)), {})
 
 
+@nightly
 @pytest.mark.filterwarnings("ignore::dechirp.PhysicsWarning")
 def test_damaged_bytes_never_stop_reception():
     objects = random_object_list(4, 4)

@@ -70,6 +70,7 @@ def test_pdf_contains_figures_with_text_labels(page):
         assert remove_spaces_and_dashes(label) in text
 
 
+@nightly
 @pytest.mark.parametrize("n_columns", nightly_except(1, [3, 12, 20, 60]))
 def test_table_fits_page_with_any_number_of_columns(n_columns):
     names = [f"c{number}x" for number in range(n_columns)]

@@ -146,6 +146,7 @@ def test_bursts_are_repaired_and_reported(tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)["detections"] == document["detections"]
 
 
+@nightly
 def test_damaged_chirp_is_interpolated(tmp_path, capsys):
     clean = simulate_samples(make_radar())
     samples = clean.copy()

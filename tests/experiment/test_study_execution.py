@@ -80,6 +80,7 @@ def test_result_does_not_depend_on_order_of_blocks(tmp_path, undisturbed_result,
     assert ledger_digest(tmp_path) == expected
 
 
+@nightly
 def test_result_does_not_depend_on_number_of_processes(tmp_path, undisturbed_result):
     until, expected = undisturbed_result
     for n_workers in (1, 2, 3) if NIGHTLY else (1 + until,):

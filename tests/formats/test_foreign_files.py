@@ -18,6 +18,7 @@ from dechirp.recordings.foreign_files import identify_foreign_file, is_text
 from dechirp.recordings.recording import open as open_recording
 from dechirp.recordings.settings.read import read_radar
 from dechirp.results.object_lists.list_columns import COLUMNS, build_object_list
+from nightly import nightly
 
 LFS_POINTER = (
     b"version https://git-lfs.github.com/spec/v1\noid sha256:"
@@ -243,6 +244,7 @@ def test_text_with_symbols_is_text_and_samples_are_not():
             assert not is_text(head)
 
 
+@nightly
 def test_random_samples_are_not_taken_for_foreign_files():
     # Of 65,536 first words, each signature of four bytes or more is met once in 65,536 squared;
     # shorter ones need further evidence. 20,000 heads: less than one chance in 10^6 for three.

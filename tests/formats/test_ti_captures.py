@@ -40,7 +40,7 @@ from dechirp.recordings.streams.packets import (
 from dechirp.recordings.streams.scan import scan_file_in_windows
 from dechirp.simulation.adc_codes import has_adc_codes
 from formats.corruption import assert_cube_or_error, corrupted_bytes
-from nightly import n_examples, nightly
+from nightly import n_examples, nightly, nightly_except
 
 RADAR = Radar(
     frame=Frame(
@@ -822,7 +822,7 @@ def encode_valid_captures() -> dict[str, bytes]:
     }
 
 
-@pytest.mark.parametrize("name", encode_valid_captures())
+@pytest.mark.parametrize("name", nightly_except(2, encode_valid_captures()))
 @settings(max_examples=n_examples(150))
 @given(data=st.data())
 def test_corrupted_file_gives_cube_or_error(tmp_path_factory, name, data):

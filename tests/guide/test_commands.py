@@ -34,6 +34,7 @@ def build(tmp_path):
     return build_page
 
 
+@nightly
 def test_commands_and_cells_run_in_order_in_one_folder(build):
     text, warnings = build(
         "```{command}\necho one > lines.txt\n```\n\n"

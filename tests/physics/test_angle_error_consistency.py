@@ -7,6 +7,7 @@ from dechirp.processing.angle.aperture import Aperture
 from dechirp.processing.angle.capon import Capon
 from dechirp.processing.angle.monopulse import Monopulse
 from dechirp.processing.angle.music import Music
+from nightly import nightly
 
 LINE = Aperture(positions=np.array([(0, 0.5 * y, 0) for y in range(8)]))
 PLANE = Aperture(positions=np.array([(0, 0.5 * y, 0.5 * z) for z in range(3) for y in range(4)]))
@@ -40,6 +41,7 @@ def test_stated_errors_of_monopulse_contain_products_of_noise(snr_db):
     assert azimuth == pytest.approx(1, abs=0.1)
 
 
+@nightly
 @pytest.mark.parametrize("snr_db", [12, 30])
 def test_stated_errors_of_capon_contain_its_uneven_weights(snr_db):
     azimuth, elevation = measure_mean_squared_errors(Capon(), PLANE, snr_db)

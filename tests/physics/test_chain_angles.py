@@ -445,6 +445,7 @@ def test_report_shows_angles_and_errors_in_degrees(radar):
     assert re.search(f"\N{MINUS SIGN}{abs(azimuth_deg):.2f} ±\N{NO-BREAK SPACE}", page)
 
 
+@nightly
 @pytest.mark.parametrize(("range_m", "is_warned"), [(4.0, True), (20.0, False)])
 def test_warns_of_target_in_near_field(radar, range_m, is_warned):
     # The far field of 11 elements in 93 mm begins at 2 D^2 / lambda = 4.5 m, where the wave lags by

@@ -185,7 +185,7 @@ def test_directions_of_merged_sources_state_their_separation(radar, n_elements, 
 
 
 @pytest.mark.parametrize("n_tx", nightly_except([1], [1, 3]))
-@pytest.mark.parametrize("phase_std_deg", [0, 10])
+@pytest.mark.parametrize("phase_std_deg", nightly_except(1, [0, 10]))
 def test_two_sources_in_a_cell_contain_phases_of_channels(radar, n_tx, phase_std_deg):
     radar, rng, n_trials = make_radar(radar, n_tx), np.random.default_rng(10), 150
     noise, still = np.array([10**-4.5]), np.zeros(1)

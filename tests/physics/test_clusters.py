@@ -83,7 +83,9 @@ def cluster_by_brute_force(rows, radar, dbscan):
     return sets, is_core, noise
 
 
-@pytest.mark.parametrize(("min_detections", "across_m"), [(1, None), (3, None), (3, 2.0)])
+@pytest.mark.parametrize(
+    ("min_detections", "across_m"), nightly_except(1, [(1, None), (3, None), (3, 2.0)])
+)
 @pytest.mark.parametrize("seed", nightly_except(1, range(5)))
 def test_clusters_match_definition_of_dbscan(radar, min_detections, across_m, seed):
     rng = np.random.default_rng(seed)

@@ -47,6 +47,7 @@ def test_mistakes_are_found_and_right_arrays_have_none():
     assert [case.kind for case in right if case.settings()] == []
 
 
+@nightly
 def test_no_mistake_gets_a_wrong_diagnosis():
     for n, make in enumerate(WRONG):
         case = make(np.random.default_rng(SEED + 200 + n))

@@ -107,6 +107,7 @@ def test_estimates_reach_crlb_for_several_receivers_and_real_samples(radar, samp
     assert to_decibels(np.mean(found_snr)) == pytest.approx(to_decibels(snr), abs=0.3)
 
 
+@nightly
 @pytest.mark.parametrize("snr_db", nightly_except([20], [15, 20, 30]))
 @pytest.mark.parametrize("n_channels", nightly_except([4], [1, 4, 12]))
 def test_noncoherent_sum_reaches_variance_of_effective_snr(n_channels, snr_db):

@@ -285,6 +285,7 @@ TURN_RATES = np.where(np.arange(130) * INTERVAL_S < 2, 0.0, 0.5)
 """Of `turning_path`, rad/s."""
 
 
+@nightly
 @pytest.mark.parametrize(
     ("path", "turn_rates"),
     nightly_except(1, [(braking_path(), None), (turning_path(), TURN_RATES)]),
@@ -615,7 +616,8 @@ def test_invalid_arguments_are_refused(arguments, message):
     nightly_except(4, [np.nan, -np.inf, 0.0, 1e300, np.inf, -1.0, 1e-300, 1e12]),
 )
 @pytest.mark.parametrize(
-    "column", ["range", "azimuth", "velocity", "elevation", "range_std", "velocity_std"]
+    "column",
+    nightly_except(1, ["range", "azimuth", "velocity", "elevation", "range_std", "velocity_std"]),
 )
 def test_damaged_numbers_leave_finite_tracks_or_are_refused(column, value):
     path = straight_path(20, 4, 1, 1, 0)

@@ -10,7 +10,7 @@ from dechirp.core.errors import InvalidSetting
 from dechirp.core.units import SPEED_OF_LIGHT, to_decibels
 from dechirp.simulation.echo_groups import SampleWindow, frame_sampling_times
 from dechirp.simulation.impairments.phase_noise import PhaseNoise
-from nightly import nightly_except
+from nightly import nightly, nightly_except
 
 # A typical 77 GHz synthesiser, flat within the loop bandwidth and falling outside.
 MASK = PhaseNoise(
@@ -59,7 +59,7 @@ def test_one_sided_phase_density_is_twice_the_mask():
         assert to_decibels(power[band].mean() / expected) == pytest.approx(0, abs=0.6)
 
 
-@pytest.mark.parametrize("range_m", [8.0, 30.0, 70.0])
+@pytest.mark.parametrize("range_m", nightly_except(1, [8.0, 30.0, 70.0]))
 def test_echo_skirts_follow_mask_and_delay_factor(radar, range_m):
     radar, scene = replace_chirp_count(radar, 1500), make_static_scene(range_m)
     cube = dc.simulate(scene, radar, impairments=[MASK], seed=3).values[0, :, 0]
@@ -208,6 +208,7 @@ def test_skirt_follows_theory_in_every_cell(sampling, cell):
         assert abs(excess_db[cells_apart_from_echo(cell, len(excess_db))]).max() < 0.5
 
 
+@nightly
 @pytest.mark.parametrize("range_m", [75, 130])
 def test_single_cells_of_steep_skirt_scatter_by_number_of_chirps_alone(range_m):
     # 40 to 50 dB a decade from 100 kHz on.

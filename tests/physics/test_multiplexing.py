@@ -21,6 +21,7 @@ from dechirp.radar.multiplexing.bpm import Bpm
 from dechirp.radar.multiplexing.ddma import Ddma
 from dechirp.radar.multiplexing.phase_code import PhaseCode
 from dechirp.radar.multiplexing.tdm import Tdm
+from nightly import nightly
 from noise_cubes import count_false_alarms
 
 ORDERS = st.integers(1, 6).flatmap(lambda n: st.permutations(range(n)))
@@ -233,6 +234,7 @@ def test_detects_target_with_simultaneous_transmitters(radar, code):
     assert gain_db == pytest.approx(to_decibels(radar.integration_gain), abs=1)
 
 
+@nightly
 @pytest.mark.parametrize("code", [Bpm(order=(0, 2, 1)), Ddma(order=(0, 1), n_sub_bands=3)], ids=str)
 def test_false_alarm_rate_matches_design_with_more_slots_than_transmitters(radar, code):
     radar = build_coded_radar(radar, code, n_chirps=32, n_samples=64)

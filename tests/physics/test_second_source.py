@@ -60,7 +60,9 @@ def test_channels_of_a_single_source_are_no_second_one(n_elements, n_transmitter
         assert second_source_share(noise_alone, snapshots[:100], aperture) > 0.9
 
 
-@pytest.mark.parametrize("clutter_db, largest_share", [(-20, 0.001), (-10, 0.01)])
+@pytest.mark.parametrize(
+    "clutter_db, largest_share", nightly_except(1, [(-20, 0.001), (-10, 0.01)])
+)
 def test_clutter_beside_a_single_source_is_no_second_one(clutter_db, largest_share):
     aperture, rng = make_line(8, 2), np.random.default_rng(2)
     azimuth_rad = rng.uniform(-1, 1, 3000)

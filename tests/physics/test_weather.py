@@ -142,6 +142,7 @@ BEAM = Cosine(azimuth_beamwidth_rad=0.9, elevation_beamwidth_rad=0.2)
 NARROW_BEAM = Cosine(azimuth_beamwidth_rad=0.15, elevation_beamwidth_rad=0.1)
 
 
+@nightly
 @pytest.mark.parametrize(
     "hardware",
     nightly_except(

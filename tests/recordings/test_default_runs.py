@@ -15,6 +15,8 @@ LONG = (
     "ghost at 27.4 m, 24 m/s",
     "10° at 2.04 m",
     "50° at 2.04 m",
+    "-10° and 10° at 2.04 m",
+    "30° and 50° at 2.04 m",
 )
 
 
@@ -38,6 +40,7 @@ def test_default_run_shows_known_truth(request, known):
     assert ranges_m.max() <= result.radar.frame.chirp.max_range_m
 
 
+@nightly
 @pytest.mark.parametrize("name", nightly_except(1, ["az_-10", "az_10_1GHz", "az_50_1GHz"]))
 @pytest.mark.parametrize("is_calibrated", [False, True])
 def test_single_reflectors_keep_one_direction(real_data, name, is_calibrated):

@@ -503,6 +503,7 @@ def test_rule_without_feasible_chirp_is_reported_until_changed() -> None:
     assert not button.disabled
 
 
+@nightly
 def test_downloaded_settings_reproduce_result(tmp_path: Path) -> None:
     page = Page(SettingsFile)
     (area,) = page.find_widgets(TextAreaInput)

@@ -62,7 +62,7 @@ def test_required_snr_matches_published_values(n_summed, needed_db):
     np.testing.assert_allclose(to_decibels(snr), needed_db, atol=5e-4)
 
 
-@pytest.mark.parametrize("swerling", CASES)
+@pytest.mark.parametrize("swerling", nightly_except(5, CASES))
 @pytest.mark.parametrize("n_summed", nightly_except((1, 3, 100), [1, 3, 100, 10_000]))
 def test_exceedance_matches_mixture_from_minus_30_to_40_db(n_summed, swerling):
     for pfa in (1e-12, 1e-4, 0.5):

@@ -93,13 +93,16 @@ def chain_of(kind, windows, n_bins):
 
 @pytest.mark.parametrize(
     ("kind", "windows", "n_bins"),
-    [
-        (dc.cfar.CellAveraging(), ("rectangular", "rectangular"), (40, 96)),
-        (dc.cfar.CellAveraging(), ("hann", "taylor-50"), (48, 128)),
-        (dc.cfar.OrderedStatistic(rank=0.6), ("rectangular", "rectangular"), (40, 96)),
-        (dc.cfar.GreatestOf(), ("rectangular", "rectangular"), (40, 96)),
-        (dc.cfar.TwoStep(), ("rectangular", "rectangular"), (40, 96)),
-    ],
+    nightly_except(
+        2,
+        [
+            (dc.cfar.CellAveraging(), ("rectangular", "rectangular"), (40, 96)),
+            (dc.cfar.CellAveraging(), ("hann", "taylor-50"), (48, 128)),
+            (dc.cfar.OrderedStatistic(rank=0.6), ("rectangular", "rectangular"), (40, 96)),
+            (dc.cfar.GreatestOf(), ("rectangular", "rectangular"), (40, 96)),
+            (dc.cfar.TwoStep(), ("rectangular", "rectangular"), (40, 96)),
+        ],
+    ),
 )
 def test_map_and_threshold_equal_those_of_chain_edges_included(kind, windows, n_bins):
     tone = 3 * np.exp(2j * np.pi * (0.2 * np.arange(96) + 0.1 * np.arange(40)[:, None, None]))
