@@ -140,18 +140,20 @@ class Kernel:
     def dispatcher(self) -> Any:
         """The function as Numba's dispatcher, compiled for each signature when called with it."""
         dispatcher = _import_numba().njit(**self.options)(self.function)
-        # Numba keeps compiled code while the function's own file is unchanged, though it contains
-        # the code of called kernels and intrinsics and the values of constants of other files.
+        # Numba keeps compiled code while the function's own file is unchanged. But it contains that
+        # of called kernels and intrinsics, and values of constants, which other files define.
         cache_file = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
         if cache_file is not None:
             cache_file._source_stamp = (cache_file._source_stamp, self._read_stamp())
         return dispatcher
 
     def _read_stamp(self) -> tuple[Any, ...]:
-        """Return the files and constants of the kernel and of those that it calls, at any depth.
+        """Return times and sizes of the files that the kernel uses, and values of its constants.
 
-        The stamp is equal in all processes, and in a copy of the folder with its cache. It contains
-        no files of other packages, which differ between environments that share a cache.
+        Those of the kernels that it calls, at any depth, are included. The stamp is equal in all
+        processes, and in a copy of the folder with its cache. Files of other packages are left out,
+        since they differ between environments that share a cache. Constants read from a module as
+        its attributes, and files that the file of an intrinsic imports, are not covered.
         """
         paths, constants = set[str](), dict[tuple[str, str], Any]()
         kernels, remaining = {self}, [self]

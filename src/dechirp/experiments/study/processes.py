@@ -18,7 +18,7 @@ from dechirp.core.lost_interrupts import repeat_lost_interrupts
 ONE_THREAD = {f"{pool}_NUM_THREADS": "1" for pool in ("OMP", "OPENBLAS", "MKL", "NUMBA")}
 """Environment of a worker: with one worker a core, no core is left for threads of libraries."""
 # loky replaces a worker that needs 300 MB more than after its first block, and warns of a leak.
-# Blocks of larger frames need more, and a new worker starts for 2 s.
+# Blocks of larger frames need more, and starting a worker takes 2 s.
 _NO_MEMORY_LIMIT = {"LOKY_MAX_MEMORY_LEAK_SIZE": "1e15"}
 
 _SHUTDOWN_TIMEOUT_S = 5.0  # later ones are in one long call
