@@ -412,7 +412,7 @@ def test_strong_tone_that_walks_and_grows_leaves_weak_tone(n_turns, ratio_db, ap
         [(70, 48)], [(70, 48), (50, 24), (60, 24), (60, 32), (60, 80), (70, 24), (70, 80)]
     ),
 )
-@pytest.mark.parametrize("is_triangular", [False, pytest.param(True, marks=nightly)])
+@pytest.mark.parametrize("is_triangular", nightly_except([True], [False, True]))
 def test_errors_beside_strong_fast_echo_match_stated_ones(
     radar, ratio_db, apart_cells, is_triangular
 ):

@@ -327,8 +327,8 @@ def _refine_tone_with_doppler_and_noise(
         samples,
         2 * np.pi * frame.repetition_s * doppler_hz,
         2 * np.pi / chirp.sample_rate_hz * beat_hz,
-        # The noise follows from the energy, which is estimated here. Without it all sidelobes are
-        # subtracted, and changes of amplitudes by noise: 0.12 standard deviations at 3 bins.
+        # The noise follows from the energy, which is estimated here. With zero, all sidelobes are
+        # subtracted, and changes of amplitudes by noise too: 0.12 standard deviations at 3 bins.
         np.zeros(len(order)),
         growth=slow_time_frequency_growth_per_sample(chirp),
         interval_ratio=sample_to_repetition_ratio(frame),

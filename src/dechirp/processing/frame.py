@@ -149,9 +149,9 @@ def process_frame(
     exponent = binary_scaling_exponent(clean)
     channels = split_chirps_into_slots(divide_by_power_of_two(clean, exponent), radar.frame)
     maps = [
-        _find_peaks_of_map(map_channels, map_radar, chain, is_reversed=number_of_map > 0)
-        for number_of_map, (map_channels, map_radar) in enumerate(
-            split_by_ramp_direction(channels, radar)
+        _find_peaks_of_map(map_channels, map_radar, chain, is_reversed=is_reversed)
+        for is_reversed, (map_channels, map_radar) in zip(
+            (False, True), split_by_ramp_direction(channels, radar), strict=False
         )
     ]
     resolved = resolve_velocity_ambiguity(
@@ -183,7 +183,7 @@ def _find_peaks_of_map(
 ) -> _MapPeaks:
     """Compute the map of samples (chirp, channel, sample), and find and refine its peaks.
 
-    The samples of falling ramps are in reversed order.
+    `is_reversed`: the samples of each chirp are in reversed order, as those of falling ramps.
     """
     power = range_doppler_power(samples, radar, chain)
     with compiled_kernels_for_large_work(power.size):

@@ -67,10 +67,10 @@ def slow_time_frequency_growth_per_sample(chirp: Chirp) -> float:
 
 
 def sample_to_repetition_ratio(frame: Frame) -> float:
-    """Return the sample interval over the repetition interval of a frame, 1.
+    """Return the sample interval over the repetition interval of a frame, dimensionless.
 
-    The motion within a chirp relative to that from chirp to chirp. Its sign changes with the order
-    of samples, which is reversed for falling ramps, see `virtual_array.split_chirps_into_slots`.
+    The motion within a chirp relative to that from chirp to chirp, for samples in the order in
+    which they were taken.
     """
     return 1 / (frame.chirp.sample_rate_hz * frame.repetition_s)
 

@@ -35,9 +35,10 @@ _MAX_ALIASED_TURNS = 8
 # of cars and people, with several echoes in a few cells, are as near by chance in one of eight.
 _MAX_FRACTION_OF_TURN = 0.06
 _MAX_POWER_BESIDE_POINT = 1e-3
-# Walk in range cells within the frame from which it is compensated within blocks of samples too:
-# one of two cells takes 0.4 % of the amplitude there, of 20 cells a third.
-_MIN_CELLS_COMPENSATED_IN_BLOCKS = 2.0
+# Walk in range cells within the frame from which it is compensated within blocks of samples too. A
+# walk of six cells costs 3.5 % of the amplitude there, one of 20 cells a third. Below, stronger
+# echoes at rest beside it are subtracted exactly; above, with the error of the difference.
+_MIN_CELLS_COMPENSATED_IN_BLOCKS = 6.0
 # Tones nearer than this on both axes are not separated; nearer than the second, the change of an
 # amplitude over chirps and channels contains the other one.
 _MIN_SEPARABLE_BINS = 1.5
@@ -167,7 +168,7 @@ def refine_tones_and_residuals(
     growth : float
         Growth of slow-time frequencies from sample to sample, relative to their mean: the walk
         through range cells within the frame, see `processing.range_walk`. That of aliased tones is
-        estimated.
+        estimated, up to about three cells that their frequencies do not show.
     interval_ratio : float
         Sample interval over repetition interval: targets move within a chirp too. Negative for
         samples in reversed order; 0 neglects that motion.
@@ -255,9 +256,9 @@ def _estimate_tones_and_turns(
         remaining_turns = _turns_beyond_noise(
             walk_error, energy, noise_power, n_samples_each, growth
         )
-        added_turns = np.round(remaining_turns) * (
-            n_left > 1
-        )  # the last pass only takes turns back
+        added_turns = np.round(remaining_turns)
+        if n_left == 1:  # the last pass only takes turns back
+            added_turns[:] = 0.0
         added_turns[abs(turns + added_turns) > _MAX_ALIASED_TURNS] = 0.0
         # Several echoes within a few cells leave a fraction of a turn, or power beside it.
         mean_power = energy / (n_samples_each * sums.shape[1])

@@ -68,11 +68,11 @@ def _demodulated_block_sums_in_numpy(
     samples = numbers if n_numbers == n_samples else numbers.view(np.complex64)
     phase = fast * np.arange(n_samples)
     if walk:
-        r = np.repeat(block_centres(n_chirps), np.diff(rows))[:, None, None]
+        m = np.arange(n_chirps)[:, None, None] - (n_chirps - 1) / 2
+        p = m - np.repeat(block_centres(n_chirps), np.diff(rows))[:, None, None]
         c = np.repeat(block_centres(n_samples), np.diff(columns))
-        p = np.arange(n_chirps)[:, None, None] - (n_chirps - 1) / 2 - r
         q = np.arange(n_samples) - (n_samples - 1) / 2 - c
-        phase = phase + walk * ((r + 2 * interval_ratio * c) * q + c * p)
+        phase = phase + walk * ((m + 2 * interval_ratio * c) * q + p * c)
     turned = samples * np.exp(-1j * phase).astype(np.complex64)
     sums = np.add.reduceat(turned, columns[:-1], axis=2, dtype=complex)
     sums *= np.exp(-1j * slow * np.arange(n_chirps))[:, None, None]
@@ -96,9 +96,9 @@ def demodulated_block_sums(
     the product of re, im, re, im ... with cos, sin, cos, sin ..., the imaginary part that
     with -sin, cos, -sin, cos ...; real samples have neither im nor every other factor.
 
-    A `walk`, rad per chirp and sample, is compensated from the middle of each block: without that,
-    one of 20 cells takes a third of the amplitude. See `subtract_tone`; p q is left out, at most
-    0.006 rad for each cell of walk.
+    A `walk`, rad per chirp and sample, is compensated within each block, relative to its middle,
+    see `subtract_tone`: that of 20 cells would take a third of the amplitude. It takes one complex
+    product for each sample and chirp.
     """
     n_chirps, n_rx, n_numbers = numbers.shape
     n_columns = len(columns) - 1
@@ -106,26 +106,31 @@ def demodulated_block_sums(
     to_real = np.empty(n_numbers, np.float32)
     to_imaginary = np.empty(n_numbers, np.float32)
     turns = np.empty(n_columns, np.complex128)
+    # Of each sample in the first chirp, and from chirp to chirp.
+    phasors, steps = np.empty(n_samples, np.complex128), np.empty(n_samples, np.complex128)
+    for column in range(n_columns):
+        c = (columns[column] + columns[column + 1] - n_samples) / 2
+        for n in range(columns[column], columns[column + 1]):
+            from_middle = walk * (n - (n_samples - 1) / 2 - c)
+            angle = fast * n + (2 * interval_ratio * c - (n_chirps - 1) / 2) * from_middle
+            phasors[n] = complex(np.cos(angle), -np.sin(angle))
+            steps[n] = complex(np.cos(from_middle), -np.sin(from_middle))
     out = np.zeros((n_rx, len(rows) - 1, n_columns), np.complex128)
     for row in range(len(rows) - 1):
-        r = (rows[row] + rows[row + 1] - n_chirps) / 2
-        if row == 0 or walk != 0:
-            for column in range(n_columns):
-                c = (columns[column] + columns[column + 1] - n_samples) / 2
-                step = walk * (r + 2 * interval_ratio * c)
-                for n in range(columns[column], columns[column + 1]):
-                    angle = fast * n + step * (n - (n_samples - 1) / 2 - c)
-                    cosine, sine = np.cos(angle), np.sin(angle)
-                    to_real[n * per_sample], to_imaginary[n * per_sample] = cosine, -sine
-                    if per_sample == 2:
-                        to_real[2 * n + 1], to_imaginary[2 * n + 1] = sine, cosine
+        middle = (rows[row] + rows[row + 1] - 1) / 2
         for m in range(rows[row], rows[row + 1]):
+            if m == 0 or walk != 0:
+                for n in range(n_samples):
+                    value, at = phasors[n], n * per_sample
+                    to_real[at], to_imaginary[at] = value.real, value.imag
+                    if per_sample == 2:
+                        to_real[at + 1], to_imaginary[at + 1] = -value.imag, value.real
+                    phasors[n] *= steps[n]
             turns[:] = np.exp(-1j * slow * m)
             if walk != 0:
-                p = m - (n_chirps - 1) / 2 - r
                 for column in range(n_columns):
                     c = (columns[column] + columns[column + 1] - n_samples) / 2
-                    turns[column] *= np.exp(-1j * walk * c * p)
+                    turns[column] *= np.exp(-1j * walk * c * (m - middle))
             for k in range(n_rx):
                 for column in range(n_columns):
                     start, stop = columns[column] * per_sample, columns[column + 1] * per_sample
@@ -356,7 +361,7 @@ def subtract_tone(
     chirps, 1e-3 in eight. The last three terms, at most 0.2 rad for each cell that the tone walks
     within the frame, are added to second order by the moments of p and q: without them a tone 16,
     32, ... bins away, whose block sums vanish, leaves a tone at the frequency sought. The error is
-    4e-6 of a block for half a cell of walk, 1.3e-4 for two cells, 1e-2 for eight. Where the walk
+    4e-6 of a block for half a cell of `walk`, 1.3e-4 for two cells, 1e-2 for eight. Where the walk
     changes the phase at the corners of the frame by 0.1 rad, the error of a target 80 dB below is
     0.015 bins; without compensation 0.25.
     """
@@ -369,7 +374,7 @@ def subtract_tone(
         moments[1, a] = gain * moments[1, a] + amplitude_growth * moments[2, a]
         moments[2, a] *= gain
     row = _scale_to_walk_series(moments, walk)
-    # A first moment over i walk is itself again.
+    # Over i walk, a scaled first moment is itself again; the product of two keeps one factor.
     inverse_step = 0j if walk == 0 else 1 / (1j * walk)
     turns = np.empty((from_row.size, from_column.size), np.complex128)
     for a in range(from_row.size):
