@@ -109,6 +109,7 @@ def test_changed_detector_changes_threshold_and_saved_settings(live_page, tmp_pa
     assert isinstance(saved_scenario.chain.cfar.estimator, SmallestOf)
 
 
+@nightly
 @pytest.mark.parametrize(
     ("path", "text", "fragment"),
     nightly_except(

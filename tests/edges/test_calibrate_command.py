@@ -120,6 +120,7 @@ def test_each_recording_takes_its_angle_in_order(folder, capsys):
     assert read_calibration("calibration.json").residual < 0.05
 
 
+@nightly
 def test_calibration_corrects_azimuth_of_run(folder, capsys):
     run_cli(capsys, *CALIBRATE_LEFT, "--out", "cal.json")
     strongest_rows = {}

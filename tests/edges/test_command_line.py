@@ -1277,6 +1277,7 @@ def test_run_measures_vital_signs_of_a_slow_time_file(run_cli, folder):
     assert (status, "columns for I" in error) == (2, True)
 
 
+@nightly
 def test_run_measures_vital_signs_unasked_where_there_are_no_chirps(run_cli, folder):
     times = np.arange(0, 40, 0.05)
     phase = 4 * np.pi / 5 * 2 * np.sin(2 * np.pi * 0.25 * times)

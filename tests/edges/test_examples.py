@@ -108,6 +108,7 @@ def is_hit(result: dc.Result, name: str, frame: int) -> bool:
     )
 
 
+@nightly
 def test_theoretically_detectable_targets_are_detected_within_two_cells(scene_result):
     result = scene_result
     names = list_detectable_targets(result)

@@ -6,6 +6,7 @@ import pytest
 
 from dechirp.cli.main import main
 from dechirp.results.hex_vectors import read_vectors
+from nightly import nightly
 
 SMALL_SETTINGS = ["--set", "radar.frame.n_chirps=32", "--set", "chain.n_range_bins=4096"]
 
@@ -17,6 +18,7 @@ def run_cli(capsys, *arguments: str) -> tuple[int, str, str]:
     return int(exit_info.value.code or 0), captured.out, captured.err
 
 
+@nightly
 def test_fixed_point_frame_gives_vectors_and_floating_point_detections(tmp_path, capsys):
     out = tmp_path / "vectors"
     status, output, _ = run_cli(capsys, "--out", str(out), "--json", *SMALL_SETTINGS)

@@ -211,6 +211,7 @@ def test_missing_library_is_reported_before_run(monkeypatch, tmp_path, capsys, t
     assert list(folder.iterdir()) == []
 
 
+@nightly
 def test_pdf_option_writes_pdf_and_next_run_removes_it(tmp_path, capsys, without_figures):
     skip_without_pdf()
     scenario = tmp_path / "small.yaml"

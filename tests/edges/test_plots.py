@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 import dechirp as dc
 from dechirp.report import plots
 from dechirp.report.page import render_report
+from nightly import nightly
 
 mpl.use("agg")
 HARDWARE = dc.Hardware(transmit_power_w=0.01, antenna_gain=10.0, noise_factor=15.0)
@@ -148,6 +149,7 @@ def make_tracks(statuses):
     )
 
 
+@nightly
 def test_result_plots_first_figure_of_its_page():
     scenario = dc.Scenario(name="two targets", radar=RADAR, scene=SCENE, chain=CHAIN, seed=2)
     result = dc.run(scenario)

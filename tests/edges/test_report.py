@@ -366,6 +366,7 @@ def test_tables_of_report_and_terminal_write_motion_in_words():
     assert _detection_table_cells(run_result, run_result.detections)["moving"] == in_report
 
 
+@nightly
 def test_names_from_files_are_escaped():
     hostile_name = "<script>alert(1)</script>$\\frac$ & \"'"
     page = render_page(

@@ -80,6 +80,7 @@ def test_report_counts_tracks_and_clusters(result):
     )
 
 
+@nightly
 def test_track_figure_labels_tracks_and_truth(result):
     page = render_report(result, yaml="")
     svg = page[page.index('aria-label="Tracks from above"') :]

@@ -524,6 +524,7 @@ def test_live_stream_repairs_faults_as_run_does(capture, sensor, tmp_path):
     assert live_result.radar.array.n_rx == sensor.array.n_rx
 
 
+@nightly
 def test_live_stream_gives_same_result_as_recording(capture, sensor):
     scenario = dc.Scenario(
         recording=RecordingSource(path=str(capture), device="xwr1843", iq="iq"), radar=sensor

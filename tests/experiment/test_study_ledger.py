@@ -18,6 +18,7 @@ from dechirp.experiments.study.block import Block, Failure
 from dechirp.experiments.study.executors import workers_from_executor
 from dechirp.experiments.study.ledger import LOCK_NAME, Ledger
 from dechirp.experiments.study.ledger_reader import LEDGER_NAME, LedgerReader
+from nightly import nightly
 from tiny_study import ENVIRONMENT, IDENTITY
 
 NUMBERS = np.array([0.5, np.nan])
@@ -262,6 +263,7 @@ def test_full_disk_keeps_earlier_blocks_and_is_reported(tmp_path):
         assert len(ledger.saved_point_and_block_numbers()) == 2000
 
 
+@nightly
 @pytest.mark.skipif(os.name != "posix", reason="needs POSIX file size limits")
 def test_study_stopped_by_file_size_limit_continues_to_same_result(tmp_path):
     def run_study(out: Path, *options: str) -> subprocess.CompletedProcess[str]:

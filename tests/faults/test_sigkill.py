@@ -25,6 +25,7 @@ main(sys.argv[1:])
 """
 
 
+@nightly
 @pytest.mark.parametrize("command", [pytest.param("run", marks=nightly), "convert"])
 def test_sigkill_before_replacement_leaves_old_results(command, folder, call):
     assert call(*command_arguments(command, "out"))[0] == 0

@@ -89,6 +89,7 @@ def test_strong_target_is_one_detection_under_any_window(reference, clean):
         assert n_false_alarms < limit
 
 
+@nightly
 @pytest.mark.parametrize("window", ["hann", "blackman-harris"])
 def test_noise_free_echo_is_one_detection(radar, window):
     """Detect the target once: rounding errors are the only noise of its map, and no target."""

@@ -242,6 +242,7 @@ def test_threshold_is_mean_of_training_cells():
 
 # Noise in the rows about DC and half the sample rate is circular for velocities of two cells or
 # more. Thresholds are those of training cells in the next rows, which are independent of it.
+@nightly
 @pytest.mark.parametrize("n_range_bins", nightly_except(1, [None, 256]))
 @pytest.mark.parametrize("window", nightly_except(["hann"], ["rectangular", "hann"]))
 def test_false_alarm_rate_of_real_samples_matches_setting_at_range_ends(

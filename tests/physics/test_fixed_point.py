@@ -84,7 +84,7 @@ def test_quantisation_noise_of_white_noise_matches_theory(n, bits, scaling):
 
 
 # The noise of a tone has a standard deviation of a sixth: 0.4 % for the mean of 1,500.
-@pytest.mark.parametrize("bits", [12, 16, 22])
+@pytest.mark.parametrize("bits", nightly_except(1, [12, 16, 22]))
 def test_mean_quantisation_noise_of_tones_matches_theory(bits):
     ratios = signal_to_quantisation_noise_over_bits((bits,), n_trials=1500, seed=bits).sel(
         signal="tone"
@@ -294,6 +294,7 @@ def test_differing_cells_are_close_to_threshold(scenario, frame):
     assert agreement.n_only_one < 30
 
 
+@nightly
 @pytest.mark.parametrize("sampling", ["complex", "real"])
 @pytest.mark.parametrize("window", nightly_except(["hann"], ["hann", "rectangular"]))
 def test_fixed_point_power_equals_floating_point_power(radar, clean_frame, sampling, window):

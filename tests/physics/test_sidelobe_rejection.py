@@ -244,6 +244,7 @@ def test_directions_of_other_arrays_contain_extended_echo(kind, n_cells, ratio_d
     assert known.mean() < chi2.ppf(1 - 1e-7, known.size) / known.size
 
 
+@nightly
 def test_target_in_sidelobes_that_no_window_removes_has_no_direction():
     squares = measure_squared_errors(
         make_radar(), dc.Chain(cfar=STATIC_CFAR), n_cells=3, ratio_db=40, n_trials=40

@@ -17,6 +17,7 @@ from dechirp.scene.bodies.bicyclist import Bicyclist
 from dechirp.scene.bodies.pedestrian import Pedestrian
 from dechirp.scene.bodies.points import Points, Rotation, Scatterer
 from dechirp.theory.windows import noise_bandwidth_bins, window_weights
+from nightly import nightly
 
 
 @pytest.fixture(scope="module")
@@ -160,6 +161,7 @@ def test_tdm_velocities_are_those_of_one_transmitter(radar):
     )
 
 
+@nightly
 def test_pedestrian_shows_walking_speed_and_steps(slow_radar):
     speed = 1.4
     scene = build_moving_scene(speed, body=Pedestrian(speed_m_per_s=speed))

@@ -224,6 +224,7 @@ def test_number_of_noise_peaks_matches_sample_maps(n_elements):
     assert statistical_counts.mean() < 6.8
 
 
+@nightly
 def test_table_has_layout_of_detect_and_depends_on_seed():
     scenario = replace(build_scenario(build_radar(8), snr_db=25.0), n_frames=3)
     table = draw_statistical_detections(scenario, seed=1)

@@ -18,7 +18,7 @@ from dechirp.studio.scenario_edits import (
     check_scenario_within_limits,
     parse_scenario,
 )
-from nightly import nightly
+from nightly import nightly, nightly_except
 
 DEFAULT_LIMITS = PageLimits()
 REFERENCE_TEXT = dump_yaml(reference())
@@ -68,37 +68,40 @@ def test_dependent_settings_are_changed_together() -> None:
 
 @pytest.mark.parametrize(
     ("path", "text"),
-    [
-        ("radar.frame.chirp.slope", "20"),  # no unit
-        ("radar.frame.chirp.slope", "20 MHz"),  # unit of another quantity
-        ("radar.frame.chirp.slope", "nan"),
-        ("radar.frame.chirp.slope", ".inf"),
-        ("radar.frame.chirp.slope", "1e999 MHz/us"),
-        ("radar.frame.chirp.slope", "1e30 MHz/us"),  # beyond any radar
-        ("radar.frame.chirp.slope", "0 MHz/us"),
-        ("radar.frame.chirp.slope", ""),
-        ("radar.frame.chirp.slope", "__import__('os').system('true')"),
-        ("radar.frame.chirp.slope", "2 * 10 MHz/us"),
-        ("radar.frame.chirp.slope", "!!python/object/apply:os.system ['true']"),
-        ("radar.frame.chirp.slope", "!!float 3"),
-        ("radar.frame.chirp.slope", "&a 20 MHz/us"),
-        ("radar.frame.chirp.slope", "*a"),
-        ("radar.frame.chirp.slope", "{a: b"),
-        ("radar.frame.chirp.slope", "[" * 40 + "]" * 40),
-        ("radar.frame.chirp.slope", "1" * 200 + " MHz/us"),
-        ("radar.frame.chirp.slope", "20 MHz/us\n---\n3"),
-        ("radar.frame.chirp.n_samples", "3.5"),
-        ("radar.frame.chirp.n_samples", "'256'"),
-        ("radar.frame.chirp.n_samples", "1"),
-        ("radar.frame.chirp.sampling", "both"),
-        ("radar.frame.n_chirps", "-1"),
-        ("chain.cfar.estimator.kind", "clairvoyant"),
-        ("chain.cfar.false_alarm_probability", "2"),
-        ("scene.targets.car.position", "[50 m, 0 m]"),
-        ("scene.targets.car.fluctuation", "swerling-9"),
-        ("seed", "-1"),
-        ("no.such.setting", "1"),
-    ],
+    nightly_except(
+        10,
+        [
+            ("radar.frame.chirp.slope", "20"),  # no unit
+            ("radar.frame.chirp.slope", "20 MHz"),  # unit of another quantity
+            ("radar.frame.chirp.slope", "nan"),
+            ("radar.frame.chirp.slope", ".inf"),
+            ("radar.frame.chirp.slope", "1e999 MHz/us"),
+            ("radar.frame.chirp.slope", "1e30 MHz/us"),  # beyond any radar
+            ("radar.frame.chirp.slope", "0 MHz/us"),
+            ("radar.frame.chirp.slope", ""),
+            ("radar.frame.chirp.slope", "__import__('os').system('true')"),
+            ("radar.frame.chirp.slope", "2 * 10 MHz/us"),
+            ("radar.frame.chirp.slope", "!!python/object/apply:os.system ['true']"),
+            ("radar.frame.chirp.slope", "!!float 3"),
+            ("radar.frame.chirp.slope", "&a 20 MHz/us"),
+            ("radar.frame.chirp.slope", "*a"),
+            ("radar.frame.chirp.slope", "{a: b"),
+            ("radar.frame.chirp.slope", "[" * 40 + "]" * 40),
+            ("radar.frame.chirp.slope", "1" * 200 + " MHz/us"),
+            ("radar.frame.chirp.slope", "20 MHz/us\n---\n3"),
+            ("radar.frame.chirp.n_samples", "3.5"),
+            ("radar.frame.chirp.n_samples", "'256'"),
+            ("radar.frame.chirp.n_samples", "1"),
+            ("radar.frame.chirp.sampling", "both"),
+            ("radar.frame.n_chirps", "-1"),
+            ("chain.cfar.estimator.kind", "clairvoyant"),
+            ("chain.cfar.false_alarm_probability", "2"),
+            ("scene.targets.car.position", "[50 m, 0 m]"),
+            ("scene.targets.car.fluctuation", "swerling-9"),
+            ("seed", "-1"),
+            ("no.such.setting", "1"),
+        ],
+    ),
 )
 def test_rejects_invalid_value_with_name_of_setting(path: str, text: str) -> None:
     mistake = get_option_mistake(f"{path}={text}")
@@ -139,7 +142,7 @@ def test_rejects_text_that_is_not_settings(text: str) -> None:
 
 @pytest.mark.parametrize(
     ("setting", "option"),
-    [
+    nightly_except(2, [
         ("radar.frame", "radar.frame.n_chirps=1000000000"),
         ("radar.frame", "radar.frame.chirp={start_frequency: 77 GHz, slope: 1 Hz/s, sampling: real,"
          " ramp_duration: 1000 s, sample_rate: 10 GHz, n_samples: 1000000000}"),
@@ -151,7 +154,7 @@ def test_rejects_text_that_is_not_settings(text: str) -> None:
         ("scene.targets", f"scene.targets=[{', '.join(['{position: [9 m, 0, 0]}'] * 101)}]"),
         ("impairments", "impairments=[{kind: rain-backscatter, rate: 3 mm/h,"
          " n_scatterers: 9999999}]"),
-    ],
+    ]),
 )  # fmt: skip
 def test_rejects_request_above_page_limits_before_computation(setting: str, option: str) -> None:
     # Each request would take gigabytes or minutes, which all pages share.
@@ -243,7 +246,9 @@ def text_naming_radar(path: str) -> str:
     return f"radar: '{path}'\n{dump_yaml(reference(), omitted_settings=['radar'])}"
 
 
-@pytest.mark.parametrize("place", ["..", "{outside}", "out", "sub/../..", "./out/../.."])
+@pytest.mark.parametrize(
+    "place", nightly_except(2, ["..", "{outside}", "out", "sub/../..", "./out/../.."])
+)
 def test_rejects_outside_files_in_any_form_without_opening_them(folder: Path, place: str) -> None:
     outside, scenario = folder.parent, reference()
     (folder / "out").symlink_to(outside)

@@ -160,6 +160,7 @@ def make_detection_results(rng, *, hits_at_24=1.0, shift_db=0.0, hits_at_require
     }
 
 
+@nightly
 @pytest.mark.parametrize(
     ("changes", "failed"),
     nightly_except(

@@ -251,6 +251,7 @@ def test_calibrated_trimmed_mean_factor_matches_closed_form():
     assert float(probability) == pytest.approx(1e-6, rel=5.5 * calibration.relative_error)
 
 
+@nightly
 @pytest.mark.parametrize(
     ("training", "guard", "padding_factor", "message"),
     [
