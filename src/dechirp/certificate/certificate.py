@@ -114,7 +114,8 @@ def verify(
         Use 10,000 trials unless `trials` is given, measure the false-alarm rate at 1e-6 over 3e9
         cells, and certify more than the report: false alarms of every detector with every window
         over 1e9 cells each, errors of every direction estimator, and every impairment against its
-        formula. This takes a quarter of an hour on two cores, otherwise less than two minutes.
+        formula. This takes a quarter of an hour on two cores, otherwise one and a half minutes,
+        and a minute more where kernels are compiled for the first time.
     seed : int
         Seed of all trials. The results do not depend on the number of workers.
     executor : Executor, optional

@@ -103,8 +103,8 @@ def _refuse_options_beside_witnesses(**options: Any) -> None:
 
 _CERTIFICATE_FILES = ("verify.json", "report.html")
 _DURATION_NOTES = {
-    False: "Testing the claims of the reference report: less than two minutes on two cores,"
-    " longer if --trials is large.",
+    False: "Testing the claims of the reference report: one and a half minutes on two cores,"
+    " a minute more the first time, longer if --trials is large.",
     True: "Testing the claims and all parts: a quarter of an hour on two cores even if --trials is"
     " small, longer if it is large.",
 }
