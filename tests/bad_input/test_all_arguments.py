@@ -15,6 +15,7 @@ from bad_input.entries import check_error_is_complete
 from bad_input.test_array_arguments import VALID_ARGUMENTS
 from dechirp.core.argument_types import check_argument_types
 from dechirp.core.compiled_kernels import plain_twins_for_small_work
+from nightly import nightly_except
 from radars import street_radar
 from test_api import NAMESPACES
 
@@ -86,7 +87,7 @@ def named_parameters(member):
 
 
 @pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("namespace", SPACES)
+@pytest.mark.parametrize("namespace", nightly_except(10, SPACES))
 def test_wrong_arguments_raise_no_foreign_error(namespace, samples, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     foreign = []

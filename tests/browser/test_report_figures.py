@@ -84,6 +84,7 @@ def test_keyboard_opens_zooms_and_closes_figure(page):
     assert not page.evaluate(DIALOG_IS_OPEN_JS)
 
 
+@nightly
 def test_report_without_scripts_shows_all_figures(browser, report_file):
     context = browser.new_context(java_script_enabled=False, offline=True)
     page = context.new_page()

@@ -193,6 +193,7 @@ def test_conversion_reports_change_of_scale(folder, capsys):
     assert Path("z.bin").read_bytes() == Path("x.bin").read_bytes()
 
 
+@nightly
 def test_frames_option_selects_frames_of_recording(folder, capsys):
     recording = make_table_recording()
     dc.write(recording, "in.zarr")
@@ -376,6 +377,7 @@ def test_rejects_output_path_that_is_not_writable(folder, capsys):
         assert "not writable" in error["value"], kind
 
 
+@nightly
 @pytest.mark.parametrize("kind", nightly_except(("csv",), [*FLOAT_WRITERS, *MAP_WRITERS]))
 def test_full_disk_keeps_existing_output(folder, capsys, kind):
     dc.write(make_table_recording(), "in.zarr")

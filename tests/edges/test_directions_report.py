@@ -62,6 +62,7 @@ def test_mimo_example_resolves_velocity_of_van_and_separates_posts(result):
     assert np.unique(np.sign(posts.azimuth.values), return_counts=True)[1].tolist() == [n, n]
 
 
+@nightly
 def test_report_shows_directions_and_counts_posts_separately(result, page):
     assert "directions" in re.findall(r'<section id="(\w+)"', page)
     for label in ("Range-azimuth map", "Spectrum over directions", "The scene from above"):

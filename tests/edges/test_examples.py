@@ -244,7 +244,7 @@ def read_scene_fragments() -> list[str]:
     return re.findall(r"```\{settings\}\n(?::over:[^\n]*\n)?([^:].*?)```", page, re.DOTALL)
 
 
-@pytest.mark.parametrize("text", read_scene_fragments())
+@pytest.mark.parametrize("text", nightly_except(4, read_scene_fragments()))
 def test_documented_scene_settings_simulate(tmp_path, text):
     yaml = YAML(typ="safe")
     settings = merge_settings(yaml.load(BASE_SETTINGS), yaml.load(text))

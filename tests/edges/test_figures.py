@@ -49,7 +49,7 @@ from dechirp.report.figures.common import range_axis_end_m
 from dechirp.report.figures.style import WIDTH_IN, render_png, render_svg
 from dechirp.report.figures.top_view import GroundDetections
 from dechirp.scene.aliasing import RangeVelocity
-from nightly import nightly_except
+from nightly import nightly, nightly_except
 from radars import eight_receiver_radar
 
 UNIT = re.compile(
@@ -449,6 +449,7 @@ def test_svg_aria_label_describes_all_panels(example):
     ]
 
 
+@nightly
 def test_legend_rows_enlarge_figure_instead_of_shrinking_axes():
     score_lines = [
         study.ScoreLine(**vars(SCORE_LINE) | {"name": f"ordered statistic {n}"}) for n in range(6)

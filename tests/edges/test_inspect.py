@@ -15,6 +15,7 @@ from matplotlib import image
 import dechirp as dc
 from dechirp.cli.main import main
 from dechirp.recordings.settings.read import read_radar
+from nightly import nightly
 
 RADAR = """\
 frame:
@@ -132,6 +133,7 @@ def test_unknown_and_missing_files_exit_with_2(folder, capsys):
     assert not (folder / "dechirp-inspect").exists()
 
 
+@nightly
 def test_point_cloud_is_plotted_from_above(folder, capsys):
     points = struct.pack("<4f", -1.0, 2.0, 0.0, 0.5)
     items = struct.pack("<II", 1, 16) + points
@@ -262,6 +264,7 @@ def test_settings_file_is_not_accepted_as_recording(folder, capsys):
     assert ", and they cannot be read: profileCfg: 2 numbers" in error["value"]
 
 
+@nightly
 def test_inspect_does_not_import_dask(folder):
     """xarray imports Dask, 0.35 s, to compare the type of each array that it wraps."""
     (folder / "dask").mkdir()

@@ -426,6 +426,7 @@ def test_rejects_log_with_foreign_frames_only(tmp_path):
         read_can_log(path)
 
 
+@nightly
 @pytest.mark.parametrize("suffix", nightly_except(1, SUFFIXES))
 @pytest.mark.filterwarnings("ignore::dechirp.PhysicsWarning")
 def test_damaged_logs_give_complete_lists_or_error(tmp_path, suffix):
@@ -494,7 +495,7 @@ def test_rejects_invalid_frame_length():
         worst_case_frame_bits(63)
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("suffix", nightly_except(1, SUFFIXES))
 @pytest.mark.parametrize("time", [-5.0, 1.7e9, 1e15])
 def test_any_time_is_logged(tmp_path, suffix, time):
     path = tmp_path / f"objects{suffix}"

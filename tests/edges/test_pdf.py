@@ -117,6 +117,7 @@ def test_wide_table_continues_below_with_its_first_column():
     assert all(text.count(f"{kind}{number}x") == 1 for number in range(1, 40) for kind in "hv")
 
 
+@nightly
 def test_text_is_set_closer_rather_than_leaving_last_page_nearly_empty(monkeypatch):
     skip_without_pdf()
     page = make_page("<p>One line.</p>" * 38)
@@ -128,6 +129,7 @@ def test_text_is_set_closer_rather_than_leaving_last_page_nearly_empty(monkeypat
     assert n_pages == [2, 1]
 
 
+@nightly
 def test_numbers_of_headline_stay_with_their_units(page):
     headline = next(parse_html(page).descendants("h1")).text
     assert re.search(r"\d\xa0m\b", headline)

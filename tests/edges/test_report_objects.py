@@ -147,6 +147,7 @@ def test_tracks_without_truth_have_no_targets(result):
     ] * 2
 
 
+@nightly
 def test_report_without_tracks_has_no_figure(result):
     empty_result = run_scenario(scene=dc.Scene(targets=()))
     assert empty_result.tracks.sizes["track"] == 0

@@ -28,7 +28,7 @@ from dechirp.recordings import cube_store
 from dechirp.results import results
 from dechirp.results.results import FILES, check_results_folder_replaceable, write_results
 from dechirp.results.text_files import dataset_to_csv, to_json_text
-from nightly import nightly_except
+from nightly import nightly, nightly_except
 
 TEXTS = {"report.html": "<p>new</p>", "scenario.yaml": "name: new\n", "run.json": "{}\n"}
 
@@ -474,6 +474,7 @@ def test_interrupt_after_replacement_leaves_new_folder_and_names_it(
     assert completed_outputs() == (out, out)
 
 
+@nightly
 def test_interrupted_folder_is_removed_while_threads_write_into_it(tmp_path):
     def write(folder):
         for number in range(30):  # 0.3 s

@@ -19,7 +19,7 @@ from dechirp.config.yaml_tree import Plain, parse_yaml
 from dechirp.core.errors import DechirpError
 from dechirp.experiments.scenario import READERS
 from dechirp.experiments.study.dumping import dump_study_as_yaml
-from nightly import nightly_except
+from nightly import nightly, nightly_except
 
 if TYPE_CHECKING:
     from jsonschema import Draft202012Validator
@@ -85,6 +85,7 @@ def test_every_dumped_scenario_matches_schema(name):
     assert find_schema_error("scenario", parse_plain(dump_yaml(dc.load(EXAMPLES / name)))) == ""
 
 
+@nightly
 @pytest.mark.parametrize("name", [name for name, kind in FILES.items() if kind == "study"])
 @pytest.mark.filterwarnings("ignore::dechirp.PhysicsWarning")
 def test_every_dumped_study_matches_schema(name):

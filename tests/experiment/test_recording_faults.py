@@ -178,6 +178,7 @@ def simulate_static_samples(radar: dc.Radar, damaged_chirps: list[int]) -> np.nd
     return samples
 
 
+@nightly
 def test_damaged_chirp_of_static_scene_gives_no_false_detections(tmp_path, capsys):
     samples = simulate_static_samples(make_radar(), [20])
 

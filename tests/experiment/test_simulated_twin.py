@@ -46,6 +46,7 @@ def set_sampling(radar, sampling):
     return replace(radar, frame=replace(radar.frame, chirp=chirp))
 
 
+@nightly
 @pytest.mark.parametrize("sampling", nightly_except(1, ["complex", "real"]))
 def test_twin_recovers_targets_and_cross_sections(small_radar, sampling):
     small_radar = set_sampling(small_radar, sampling)

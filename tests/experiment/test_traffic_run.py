@@ -352,6 +352,7 @@ def azimuth_span(centre_m, size_m, radar_x_m):
     return min(azimuths), max(azimuths)
 
 
+@nightly
 @pytest.mark.parametrize("kind", nightly_except(1, ["samples", "statistical"]))
 def test_car_that_passes_behind_a_truck_disappears_and_reappears(tmp_path, kind):
     # The car crosses at 5 m/s, 60 m ahead of the centre of the radar's car. In a frame of 100 ms it
@@ -400,6 +401,7 @@ POLES = """time,id,class,x,y,heading,length,width,height
 """
 
 
+@nightly
 @pytest.mark.parametrize(
     "mounts", nightly_except(1, [["front"], ["front-left", "front-right"]]), ids=["one", "two"]
 )

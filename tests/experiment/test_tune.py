@@ -233,6 +233,7 @@ def test_settings_that_fail_in_confirmation_trials_are_not_chosen(tmp_path):
     ) == tune_result_as_dict(tune_result)
 
 
+@nightly
 def test_different_search_in_same_folder_is_refused(folder, reference_result, tmp_path):
     for old, new in (("trials: 40", "trials: 41"), ("to: 9", "to: 8"), ("1e-3}}", "2e-3}}")):
         tune = load_tune(write_tune_file(tmp_path, TUNE.replace(old, new)))
@@ -325,6 +326,7 @@ confirmation_trials: 4
     )
 
 
+@nightly
 def test_limit_below_trial_resolution_gives_warning(tmp_path):
     text = TUNE.replace("probability: 1e-3}", "probability: 1e-6}").replace("es: 12", "es: 1")
     scenario = SCENARIO.replace("false_alarm_probability: 1e-3", "false_alarm_probability: 1e-6")

@@ -70,6 +70,7 @@ def test_choice_depends_on_history_and_seed_alone():
     assert {choose_next_untried_settings(SPACE, trials, seed=seed) for seed in range(8)} != {choice}
 
 
+@nightly
 def test_most_influential_setting_has_largest_importance():
     shares = setting_importances(
         SPACE[::2], [((a, c), -abs(a - 10.0)) for a in range(20) for c in (3, 9)]
@@ -93,6 +94,7 @@ def compute_proportion(sums: np.ndarray) -> float:
     return float(sums[:, 0].sum() / sums[:, 1].sum())
 
 
+@nightly
 @pytest.mark.parametrize(
     ("p10", "p01"), nightly_except(1, [(0.1, 0.05), (0.01, 0.0), (0.002, 0.002), (0.3, 0.3)])
 )

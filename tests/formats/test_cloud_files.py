@@ -17,7 +17,7 @@ from dechirp.recordings.recognise import recognise_formats
 from dechirp.recordings.recording import open as open_recording
 from dechirp.results.object_lists.files import write_objects
 from dechirp.results.object_lists.list_columns import build_object_list
-from nightly import n_examples
+from nightly import n_examples, nightly
 
 # The fields of a radar point of nuScenes, of mixed types.
 NUSCENES = np.dtype(
@@ -463,6 +463,7 @@ def test_object_list_in_pcd_has_its_frames_and_ratios(tmp_path):
     assert np.isnan(points.elevation).all()
 
 
+@nightly
 def test_recognition_of_a_large_file_reads_little_of_it(tmp_path):
     file = tmp_path / "large.bin"
     with file.open("wb") as out:

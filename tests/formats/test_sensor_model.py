@@ -12,6 +12,7 @@ import pytest
 import dechirp as dc
 from dechirp.core.findings import PhysicsWarning
 from dechirp.traffic.osi_views import OsiViews
+from nightly import nightly
 from sample_osi_views import make_view
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -55,6 +56,7 @@ def test_sensor_model_states_positions_and_velocities_relative_to_the_radar(rada
     assert best.base.position.y == pytest.approx(0.0, abs=1.0)
 
 
+@nightly
 def test_same_views_and_seed_yield_the_same_data(radar):
     views = [
         make_view(0.1 * k, {"id": 1}, {"id": 2, "x": 30 + k, "vx": 10.0}).SerializeToString()
@@ -272,6 +274,7 @@ def test_settings_are_checked(radar):
             dc.SensorModel(radar, **arguments)
 
 
+@nightly
 @pytest.mark.filterwarnings("ignore::dechirp.core.findings.PhysicsWarning")
 def test_mutated_views_are_refused_or_measured(radar):
     # Bytes of a valid view with one changed, cut or doubled: a result or a DechirpError.

@@ -134,6 +134,7 @@ def test_reference_scene_equals_model(tmp_path, reference, clean):
     assert n_words > 4096 * 128 * 12
 
 
+@nightly
 @pytest.mark.parametrize(("scaling", "rounding"), nightly_except({("block", "convergent")}, MODES))
 def test_emulated_cortex_m7_equals_model(tmp_path, scaling, rounding):
     words = WordLengths(sample_bits=12, range_bits=18, scaling=scaling, rounding=rounding)

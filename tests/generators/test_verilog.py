@@ -54,6 +54,7 @@ OTHER_SETTINGS = [
 ]
 
 
+@nightly
 @pytest.mark.parametrize(
     ("name", "radar", "chain", "words"),
     nightly_except(1, OTHER_SETTINGS),
@@ -66,6 +67,7 @@ def test_every_word_equals_model_for_other_settings(tmp_path, name, radar, chain
     )
 
 
+@nightly
 @pytest.mark.parametrize("scaling", nightly_except(1, ["block", "halving"]))
 def test_verilator_has_no_warning(tmp_path, scaling):
     words = WordLengths(scaling=scaling)
@@ -95,6 +97,7 @@ def test_takes_one_sample_a_clock(tmp_path, scaling, n_lost):
 
 
 # A zero takes a clock as a sample does; those after the last sample are not counted.
+@nightly
 def test_padding_takes_a_clock_for_each_zero(tmp_path):
     radar = make_radar(16, 16)
     output = compare_simulated_verilog_with_model(

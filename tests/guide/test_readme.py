@@ -9,6 +9,7 @@ import pytest
 from markdown_it import MarkdownIt
 
 import dechirp as dc
+from nightly import nightly
 
 README = Path(__file__).parents[2] / "README.md"
 BLOCKS = [
@@ -74,6 +75,7 @@ def test_block_of_arrays_prints_directions(is_complex, tmp_path, monkeypatch, ca
     assert np.max(abs(np.sort(azimuth_deg) - [-20, 12])) < 1
 
 
+@nightly
 def test_blocks_compile_nothing_in_a_new_installation(tmp_path, monkeypatch):
     """Compiling what they need takes 50 s of processor time."""
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "numba"))

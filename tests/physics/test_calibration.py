@@ -9,6 +9,7 @@ from scipy.stats import chi2
 import dechirp as dc
 from dechirp.processing.calibration.calibrate import CalibrationResult
 from dechirp.radar.modulations.triangular import Triangular
+from nightly import nightly_except
 from noise_cubes import add_noise, simulate_noise_cube
 
 GAINS = (1.0, 1.4, 0.7, 1.1)  # power gains of the receivers
@@ -90,13 +91,16 @@ def is_chi_square(total: float, n_free: int) -> bool:
 
 @pytest.mark.parametrize(
     ("radar", "snr_db"),
-    [
-        (TDM_RADAR, -10),
-        (make_radar(dc.multiplexing.Tdm(order=(1, 0))), -10),
-        (make_radar(dc.multiplexing.Bpm(order=(0, 1))), -10),
-        (make_radar(dc.multiplexing.Ddma(order=(0, 1), n_sub_bands=4)), -10),
-        (make_radar(dc.multiplexing.Tdm(order=(0, 1)), "real"), -10),
-    ],
+    nightly_except(
+        2,
+        [
+            (TDM_RADAR, -10),
+            (make_radar(dc.multiplexing.Tdm(order=(1, 0))), -10),
+            (make_radar(dc.multiplexing.Bpm(order=(0, 1))), -10),
+            (make_radar(dc.multiplexing.Ddma(order=(0, 1), n_sub_bands=4)), -10),
+            (make_radar(dc.multiplexing.Tdm(order=(0, 1)), "real"), -10),
+        ],
+    ),
     ids=["tdm", "tdm reversed", "bpm", "ddma", "real samples"],
 )
 def test_gain_errors_match_reported_standard_errors(radar, snr_db):

@@ -140,6 +140,7 @@ def test_finding_recommends_no_estimator_of_two_sources_where_one_is_used(radar)
     assert "dechirp calibrate" in finding.fix and "n_sources" not in finding.fix
 
 
+@nightly
 @pytest.mark.parametrize("n_elements", nightly_except(1, [3, 4]))
 @pytest.mark.parametrize("phase_std_deg", nightly_except([20], [5, 20]))
 def test_few_elements_state_the_errors_of_typical_boards(radar, n_elements, phase_std_deg):

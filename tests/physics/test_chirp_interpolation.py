@@ -15,6 +15,7 @@ from dechirp.processing.mitigation.chirp_interpolation import (
     interpolable_chirp_mask,
     interpolate_chirps,
 )
+from nightly import nightly_except
 from radars import street_radar
 
 N_ROUNDS, N_SAMPLES, N_RX = 64, 128, 2
@@ -79,7 +80,7 @@ def missing_mask(rounds, n_slots: int) -> np.ndarray:
 
 @pytest.mark.parametrize("sampling", ["complex", "real"])
 @pytest.mark.parametrize("n_slots", [1, 2])
-@pytest.mark.parametrize("label", MISSING_ROUNDS)
+@pytest.mark.parametrize("label", nightly_except(2, MISSING_ROUNDS))
 def test_interpolated_chirps_differ_from_echoes_by_less_than_noise(sampling, n_slots, label):
     dtype = np.complex64 if sampling == "complex" else np.float32
     is_missing = missing_mask(MISSING_ROUNDS[label], n_slots)

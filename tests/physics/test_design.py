@@ -15,7 +15,7 @@ from dechirp.core.units import to_decibels
 from dechirp.radar.budget import sample_snr
 from dechirp.radar.design.design import TYPICAL_HARDWARE, design
 from dechirp.radar.design.requirements import BANDS_HZ, Limits, Requirements
-from nightly import n_examples, nightly_except
+from nightly import n_examples, nightly, nightly_except
 
 REPORT_REQUIREMENTS = Requirements(
     max_range_m=200.0, range_resolution_m=1.0, max_velocity_m_per_s=100.0
@@ -170,6 +170,7 @@ def test_radar_meets_requirements_without_finding(requirements, rule):
         assert chirp.start_frequency_hz + chirp.ramp_bandwidth_hz <= high_hz * upper_tolerance
 
 
+@nightly
 @settings(deadline=None, max_examples=50)
 @given(requirements=random_requirements)
 def test_constraints_rule_keeps_limits_for_any_requirements(requirements):

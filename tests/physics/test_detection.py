@@ -26,6 +26,7 @@ def make_chain(window, **bins):
 # Theory predicts 0.93 and 0.95 for this target at known noise level, without neighbouring cells.
 # The standard error of 2,500 trials is 0.005: a chain as good as theory fails once in 1e8. Of 200
 # trials 166 or fewer detect it once in 1e6.
+@nightly
 @pytest.mark.parametrize(
     ("window", "snr_db"),
     nightly_except([("hann", -37.0)], [("rectangular", -40.5), ("hann", -37.0)]),

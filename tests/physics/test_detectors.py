@@ -131,6 +131,7 @@ def test_calibrated_factor_of_default_window_yields_rate_of_1e_6(kind):
     assert rate == pytest.approx(1e-6, rel=0.18)
 
 
+@nightly
 @pytest.mark.parametrize(
     "kind", nightly_except(["greatest-of"], sorted(set(MEMBERS) - {"cell-averaging", "two-step"}))
 )

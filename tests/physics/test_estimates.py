@@ -406,6 +406,7 @@ def test_strong_tone_that_walks_and_grows_leaves_weak_tone(n_turns, ratio_db, ap
     assert np.all(errors < 0.0033), errors
 
 
+@nightly
 @pytest.mark.parametrize(
     ("ratio_db", "apart_cells"),
     nightly_except(

@@ -71,7 +71,7 @@ def test_16_bit_fft_of_256_points_keeps_60_db_at_full_scale(signal):
 # Errors of different numbers are independent: the mean square of 400 x n has a standard error of 1
 # / sqrt(400 n), 0.6 % at 64 points.
 @pytest.mark.parametrize("scaling", ["block", "halving"])
-@pytest.mark.parametrize("bits", [12, 16, 22])
+@pytest.mark.parametrize("bits", nightly_except(1, [12, 16, 22]))
 @pytest.mark.parametrize("n", nightly_except([64, 512], [64, 128, 256, 512, 1024]))
 def test_quantisation_noise_of_white_noise_matches_theory(n, bits, scaling):
     words = WordLengths(scaling=scaling, twiddle_bits=bits)
@@ -388,6 +388,7 @@ def test_truncation_causes_false_alarms_at_zero_velocity(radar):
     assert static_alarm_rate("convergent", "block") < 0.005
 
 
+@nightly
 def test_short_words_cause_false_alarms_next_to_strong_echo(radar):
     # The echo is 50 dB above the noise of a sample, 95 dB in the map, and between bins on both
     # axes. 10 bits span 60 dB: noise is below their last bit.

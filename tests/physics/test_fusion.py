@@ -214,6 +214,7 @@ def squared_position_errors_over_bound(trials: Trials) -> np.ndarray:
     return np.sum(trials.errors[..., ::2] ** 2, axis=-1) / bound_m2
 
 
+@nightly
 @pytest.mark.parametrize(
     "vehicle",
     [

@@ -213,6 +213,7 @@ def test_velocity_across_the_line_of_sight_follows_from_one_frame():
     assert np.all(np.abs(error) < 5 * std)
 
 
+@nightly
 @pytest.mark.parametrize(
     "changes",
     nightly_except(
@@ -453,6 +454,7 @@ def test_points_of_crossing_people_are_divided_between_their_tracks():
         assert tracks.y.values[row, -1] == pytest.approx(path[-1, 2], abs=0.5)
 
 
+@nightly
 def test_group_that_separates_becomes_two_tracks():
     paths = [straight_path(160, 3, 0.5, 0.15 * sign, 0.4 * sign) for sign in (-1, 1)]
     points = draw_points(np.random.default_rng(2), paths, covariance=PERSON, mean_count=8)
@@ -478,6 +480,7 @@ def test_clutter_starts_no_track_and_does_not_disturb():
     assert rms_gospa_m(tracks, paths) < 0.2
 
 
+@nightly
 def test_person_who_sits_down_is_held_and_one_who_leaves_is_not():
     sitting = straight_path(200, 4, 0, 1, 0)
     sitting[40:] = np.nan  # a radar that removes static echoes

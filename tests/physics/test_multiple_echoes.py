@@ -10,6 +10,7 @@ import dechirp as dc
 from dechirp.core.detection_columns import UNITS
 from dechirp.experiments.scenario import RecordingSource
 from dechirp.processing.multiple_echoes import find_multiple_echoes
+from nightly import nightly
 
 CFAR = dc.Cfar(estimator=dc.cfar.CellAveraging(), false_alarm_probability=1e-6)
 
@@ -75,6 +76,7 @@ def test_real_samples_in_complex_numbers_give_the_multiples_of_real_ones(single_
     assert sum(counts["complex"]) > sum(counts["real"]) > 0
 
 
+@nightly
 def test_targets_at_random_places_are_rarely_named(single_round):
     rng, n_trials = np.random.default_rng(6), 600
     n_affected = 0

@@ -11,6 +11,7 @@ from dechirp.core.gaussian_noise import (
     fill_philox_words,
 )
 from dechirp.core.threads import limit_threads
+from nightly import nightly
 
 # A correct generator fails a test once in 2e6 runs.
 CHANCE = 5e-7
@@ -110,6 +111,7 @@ def test_amplitudes_and_directions_follow_their_distributions():
     assert stats.kstest(samples.real[:200_000], "norm").pvalue > CHANCE
 
 
+@nightly
 def test_tail_probabilities_are_gaussian():
     # 2^24 amplitudes, 2^25 parts: 5 beyond 5.5 sigma; smaller thresholds are tested, too.
     part_counts, amplitude_counts = np.zeros(6), np.zeros(6)

@@ -62,6 +62,7 @@ def test_detections_that_the_noise_explains_are_named():
     assert noise_profile_findings(columns, np.ones(128), RADAR, CHAIN) == ()
 
 
+@nightly
 def test_run_names_false_movers_of_coloured_noise(tmp_path):
     frames = make_noisy_frames(8.0, (30.0, 0, 60), (60.0, 5, 40))
     path = tmp_path / "capture.h5"
@@ -84,6 +85,7 @@ def run_capture(frames, path):
     return dc.run(dc.Scenario(recording=RecordingSource(path=str(path))))
 
 
+@nightly
 def test_noise_that_rises_towards_zero_range_causes_no_movers(tmp_path):
     tones = (30.0, 0, 60), (60.0, 5, 40)
     frames = make_noisy_frames(8.0, *tones, cells=range(4))

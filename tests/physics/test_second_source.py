@@ -11,7 +11,7 @@ from dechirp.processing.angle.maximum_likelihood import MaximumLikelihood
 from dechirp.processing.chain import Chain
 from dechirp.processing.chain_fitting import fit_chain_to_frames
 from dechirp.processing.detect import detect
-from nightly import nightly_except
+from nightly import nightly, nightly_except
 
 PHASE_RAD = float(np.radians(20))
 TOLERANT = MaximumLikelihood(n_sources="mdl", channel_phase_rad=PHASE_RAD)
@@ -47,6 +47,7 @@ def second_source_share(estimator, snapshots, aperture):
     return np.mean(np.isfinite(azimuth_rad[:, 1])) if azimuth_rad.shape[1] > 1 else 0.0
 
 
+@nightly
 @pytest.mark.parametrize("n_elements, n_transmitters", nightly_except(1, [(8, 1), (8, 2), (12, 3)]))
 def test_channels_of_a_single_source_are_no_second_one(n_elements, n_transmitters):
     aperture, rng = make_line(n_elements, n_transmitters), np.random.default_rng(1)
@@ -60,6 +61,7 @@ def test_channels_of_a_single_source_are_no_second_one(n_elements, n_transmitter
         assert second_source_share(noise_alone, snapshots[:100], aperture) > 0.9
 
 
+@nightly
 @pytest.mark.parametrize(
     "clutter_db, largest_share", nightly_except(1, [(-20, 0.001), (-10, 0.01)])
 )

@@ -283,6 +283,7 @@ def test_directions_masked_by_sidelobes_are_reported():
     assert "no direction for 1 detection beside" in _masked_direction_findings([2.0], 1.0)[0].value
 
 
+@nightly
 @pytest.mark.parametrize(
     ("range_offset_cells", "velocity_offset_cells"),
     nightly_except(1, [(4, 4), *((n, 0) for n in range(4, 9)), *((0, n) for n in range(4, 9))]),

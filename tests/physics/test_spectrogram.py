@@ -191,6 +191,7 @@ def test_pedestrian_shows_walking_speed_and_steps(slow_radar):
     assert np.median(slowest) == pytest.approx(0, abs=0.4)
 
 
+@nightly
 def test_bicyclist_shows_wheels_up_to_twice_speed_and_pedals(slow_radar):
     speed = 2.5
     body = Bicyclist(speed_m_per_s=speed, development_m=2.5)

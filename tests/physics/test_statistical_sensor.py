@@ -205,6 +205,7 @@ def test_errors_match_stated_standard_errors():
     assert np.all(means < 5 / np.sqrt(900) + 0.1)
 
 
+@nightly
 @pytest.mark.parametrize("n_elements", nightly_except(1, [1, 8]))
 def test_number_of_noise_peaks_matches_sample_maps(n_elements):
     scenario = build_scenario(build_radar(n_elements), target_cells=[], pfa=1e-3)
@@ -240,6 +241,7 @@ def test_table_has_layout_of_detect_and_depends_on_seed():
     assert not table.equals(draw_statistical_detections(scenario, seed=2))
 
 
+@nightly
 def test_tdm_resolves_velocity_ambiguity_as_in_samples():
     # Velocity of 40 cells, beyond the unambiguous 32 cells to each side.
     scenario = build_scenario(build_radar(8), target_cells=[(50.0, 40.0)], snr_db=25.0)

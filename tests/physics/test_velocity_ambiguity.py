@@ -128,7 +128,7 @@ def test_confidence_equals_share_of_correct_ambiguity_numbers(radar, code, n_rx)
         assert 0.93 * lower_limit - 1 <= is_wrong[is_in_bin].sum() <= 1.07 * upper_limit + 1
 
 
-@pytest.mark.parametrize(("code", "n_rx"), RESOLVABLE_CODES, ids=str)
+@pytest.mark.parametrize(("code", "n_rx"), nightly_except(4, RESOLVABLE_CODES), ids=str)
 def test_certain_ambiguity_numbers_are_correct_from_8_to_25_db(radar, code, n_rx):
     radar, rng = make_mimo_radar(radar, code, n_rx), np.random.default_rng(3)
     is_wrong, confidence = resolve_ambiguities(radar, 10 ** rng.uniform(0.8, 2.5, 10_000), rng)

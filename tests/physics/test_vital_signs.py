@@ -237,6 +237,7 @@ def test_strong_even_harmonics_do_not_double_the_rate(noise_std):
     assert rate_hz == pytest.approx(0.25, abs=0.01)
 
 
+@nightly
 def test_harmonics_of_breathing_are_no_heart_rate():
     for seed in range(5):
         breath = np.sin(2 * np.pi * BREATHING_HZ * TIMES_S + seed)
@@ -311,6 +312,7 @@ def test_displacement_of_short_frames_has_even_times_and_its_amplitude():
     assert 1.5e-3 * 10 ** (-2.4 / 20) < float(peak) < 1.5e-3 * 1.02
 
 
+@nightly
 def test_windows_follow_change_of_rate_and_place():
     times_s = np.arange(1200) / 20
     rates_hz = np.where(times_s < 30, 0.25, 0.4)

@@ -10,7 +10,7 @@ from dechirp.experiments.scenario import RecordingSource
 from dechirp.processing.angle.fft import Fft
 from dechirp.processing.angle.music import Music
 from dechirp.processing.chain import Chain
-from nightly import nightly_except
+from nightly import nightly, nightly_except
 from recordings.directions import (
     STATIC_SCENE_CFAR,
     calibrate_radar,
@@ -67,6 +67,7 @@ def test_static_velocities_agree_with_their_standard_errors(real_data, name):
     assert np.mean(abs(errors) > 3) < 0.08
 
 
+@nightly
 def test_run_with_music_resolves_two_reflectors(real_data):
     folder = real_data / KNOWN_ANGLES
     scenario = dc.Scenario(

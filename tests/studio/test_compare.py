@@ -124,6 +124,7 @@ def test_score_missing_in_one_scenario_is_shown_for_other_only():
     assert rows["azimuth_rmse"].b is None and rows["azimuth_rmse"].change is None
 
 
+@nightly
 def test_only_first_frame_is_compared_and_tracks_are_not():
     single_frame_rows = count_trials(build_scenario(), build_scenario(), 10)
     many_frames = change_settings(build_scenario(), "n_frames=50", "tracker={}")

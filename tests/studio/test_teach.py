@@ -357,6 +357,7 @@ def test_play_can_hold_knobs_and_draw_new_noise(lesson):
     assert not np.array_equal(*powers)
 
 
+@nightly
 def test_each_lesson_has_its_own_address_and_page(worker):
     builders = lesson_page_builders_by_address(worker, PageLimits())
     assert list(builders) == ["/teach/1", "/teach/2", "/teach/3", "/teach/4"]

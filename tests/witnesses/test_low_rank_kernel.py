@@ -16,7 +16,7 @@ from kernel_cases import (
 )
 
 from dechirp.simulation.kernels import direct, low_rank
-from nightly import nightly_except
+from nightly import nightly, nightly_except
 
 
 def simulate_low_rank_echoes(scatterers, transmission, n_samples, tolerance, dtype=np.complex64):
@@ -77,6 +77,7 @@ def test_ordinary_scenes_do_not_use_direct_kernel(case, monkeypatch):
     assert simulate_low_rank_echoes(scatterers, transmission, n_samples, 1e-5).any()
 
 
+@nightly
 @settings(max_examples=60)
 @given(
     seed=st.integers(0, 2**32 - 1),
