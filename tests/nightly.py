@@ -1,4 +1,4 @@
-"""Marker of long tests, which run if DECHIRP_NIGHTLY is set; by default a case of each runs."""
+"""Marks of long tests and of further cases, which run if DECHIRP_NIGHTLY is set."""
 
 import os
 from collections.abc import Container, Iterable

@@ -176,7 +176,6 @@ def test_version_option_prints_package_version(run_cli):
     assert run_cli("--version") == (0, f"{dc.__version__}\n", "")
 
 
-@nightly
 def test_closed_output_pipe_causes_no_error():
     arguments = [sys.executable, "-m", "dechirp", "completion", "bash"]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}

@@ -378,7 +378,7 @@ def test_rejects_output_path_that_is_not_writable(folder, capsys):
 
 
 @nightly
-@pytest.mark.parametrize("kind", nightly_except(("csv",), [*FLOAT_WRITERS, *MAP_WRITERS]))
+@pytest.mark.parametrize("kind", [*FLOAT_WRITERS, *MAP_WRITERS])
 def test_full_disk_keeps_existing_output(folder, capsys, kind):
     dc.write(make_table_recording(), "in.zarr")
     out = f"out{WRITERS[kind].suffixes[0]}"

@@ -427,7 +427,7 @@ def test_rejects_log_with_foreign_frames_only(tmp_path):
 
 
 @nightly
-@pytest.mark.parametrize("suffix", nightly_except(1, SUFFIXES))
+@pytest.mark.parametrize("suffix", SUFFIXES)
 @pytest.mark.filterwarnings("ignore::dechirp.PhysicsWarning")
 def test_damaged_logs_give_complete_lists_or_error(tmp_path, suffix):
     path = tmp_path / f"objects{suffix}"

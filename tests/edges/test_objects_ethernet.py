@@ -23,7 +23,7 @@ from dechirp.results.object_lists.ethernet import (
 from dechirp.results.object_lists.files import read_objects, write_objects
 from dechirp.results.object_lists.list_columns import MEASURED
 from dechirp.results.object_lists.priority import sort_by_priority
-from nightly import nightly, nightly_except
+from nightly import nightly
 from sample_object_lists import (
     check_object_lists_agree,
     longest_object_list,
@@ -484,7 +484,7 @@ RESTARTS = {
 
 
 @pytest.mark.parametrize("n_before", [2, 5, 12])
-@pytest.mark.parametrize("restart", nightly_except(5, RESTARTS.values()), ids=RESTARTS)
+@pytest.mark.parametrize("restart", RESTARTS.values(), ids=RESTARTS)
 def test_lists_before_and_after_a_restart_of_the_sender_are_kept(restart, n_before):
     time_before, frame_before, time_after, frame_after = restart
     n_after = 12

@@ -207,7 +207,6 @@ def test_pdf_contains_all_text(page):
     check_pdf_contains_page_text(page)
 
 
-@nightly
 def test_all_links_of_paper_resolve(page):
     # Figures are removed: equal SVG shapes have equal ids.
     page = re.sub(r"<svg.*?</svg>", "", page, flags=re.DOTALL)

@@ -39,7 +39,7 @@ from dechirp.results.xarray_engine import DechirpBackend
 from dechirp.simulation.adc_codes import extract_adc_codes
 from dechirp.simulation.impairments.noise import ThermalNoise
 from dechirp.simulation.impairments.quantisation import Quantisation
-from nightly import NIGHTLY, nightly, nightly_except
+from nightly import nightly, nightly_except
 from page_checks import check_captions, check_pdf_contains_page_text, skip_without_pdf
 from trial_cases import small_radar
 
@@ -203,7 +203,7 @@ def test_data_set_does_not_depend_on_number_of_workers(tmp_path, undisturbed_fol
 def test_study_killed_at_random_moments_gives_same_data_set(tmp_path, undisturbed_folder):
     rng = np.random.default_rng(8)
     was_interrupted = False
-    for moment_s in rng.uniform(0.0, 1.0, 12 if NIGHTLY else 2):
+    for moment_s in rng.uniform(0.0, 1.0, 12):
         process = subprocess.Popen(
             [sys.executable, data_set_study.__file__, tmp_path],
             stdout=subprocess.PIPE,
@@ -567,8 +567,7 @@ def test_datasheet_lists_contents_and_is_self_contained(undisturbed_folder, data
         make_study(), data, n_bytes=folder_size_bytes(undisturbed_folder / "data.zarr")
     )
     check_captions(page)
-    if NIGHTLY:
-        check_pdf_contains_page_text(page)
+    check_pdf_contains_page_text(page)
 
 
 @nightly

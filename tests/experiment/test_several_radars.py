@@ -61,7 +61,6 @@ def result(request, trace):
         return dc.fusion.run_radars(scenario, kind=request.param, executor=executor)
 
 
-@nightly
 def test_fused_track_follows_object_over_the_ground(result):
     assert list(result.radars) == ["front-left", "front-right"]
     assert result.tracks["radar"].values.tolist() == ["front-left", "front-right"] * 4

@@ -15,7 +15,7 @@ from dechirp.experiments.twin.twin import TwinTolerance
 from dechirp.recordings.in_memory import recording_from_cube
 from dechirp.recordings.readers.base import Contents
 from dechirp.recordings.recording import Recording
-from nightly import nightly, nightly_except
+from nightly import nightly
 from page_checks import check_captions, check_pdf_contains_page_text, skip_without_pdf
 
 NEAR = dc.Target(position_m=(12.3, 1.0, 0), velocity_m_per_s=(-4.7, 0, 0), rcs_m2=0.3)
@@ -47,7 +47,7 @@ def set_sampling(radar, sampling):
 
 
 @nightly
-@pytest.mark.parametrize("sampling", nightly_except(1, ["complex", "real"]))
+@pytest.mark.parametrize("sampling", ["complex", "real"])
 def test_twin_recovers_targets_and_cross_sections(small_radar, sampling):
     small_radar = set_sampling(small_radar, sampling)
     targets = [NEAR, STATIC] if sampling == "real" else [NEAR, FAR, STATIC]

@@ -32,7 +32,7 @@ from dechirp.experiments.study.processes import RestartablePool, WorkerStopped
 from nightly import NIGHTLY, nightly
 from tiny_study import TinyPlan, ledger_digest, run_tiny_study
 
-N_KILLS = 30 if NIGHTLY else 3
+N_KILLS = 30
 KEPT: list[np.ndarray] = []
 """Arrays that a worker keeps after its calls."""
 
@@ -83,7 +83,7 @@ def test_result_does_not_depend_on_order_of_blocks(tmp_path, undisturbed_result,
 @nightly
 def test_result_does_not_depend_on_number_of_processes(tmp_path, undisturbed_result):
     until, expected = undisturbed_result
-    for n_workers in (1, 2, 3) if NIGHTLY else (1 + until,):
+    for n_workers in (1, 2, 3):
         with local_workers(n_workers) as workers:
             run_tiny_study(tmp_path / str(n_workers), workers, until=until)
         assert ledger_digest(tmp_path / str(n_workers)) == expected
@@ -176,8 +176,6 @@ def _fail_at_point_2(tiny: TinyPlan, point: int, number: int) -> Block:
 @nightly
 def test_killed_worker_is_replaced_and_result_is_unchanged(tmp_path, undisturbed_result):
     until, expected = undisturbed_result
-    if until and not NIGHTLY:
-        pytest.skip("long: runs with DECHIRP_NIGHTLY=1")
     victims = [40, 300]
 
     def kill_one(progress) -> None:
@@ -268,8 +266,6 @@ def start_study(out: Path, *options: str) -> subprocess.Popen[str]:
 @pytest.mark.skipif(os.name != "posix", reason="needs POSIX signals")
 def test_parent_killed_at_random_moments_loses_nothing(tmp_path, undisturbed_result):
     until, expected = undisturbed_result
-    if not (until or NIGHTLY):
-        pytest.skip("long: runs with DECHIRP_NIGHTLY=1")
     rng = np.random.default_rng(8)
     options = ("--until",) if until else ()
     block_counts: list[int] = []
@@ -286,7 +282,7 @@ def test_parent_killed_at_random_moments_loses_nothing(tmp_path, undisturbed_res
         else:
             block_counts.append(0)
         assert block_counts == sorted(block_counts) or until  # late blocks are dropped
-        if NIGHTLY and kill % 5 == 4:
+        if kill % 5 == 4:
             _finish_and_clear(tmp_path, expected, options)
             block_counts.clear()
     process = start_study(tmp_path, *options)

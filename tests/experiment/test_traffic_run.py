@@ -26,7 +26,7 @@ from dechirp.evaluation.traffic_scores import (
 )
 from dechirp.experiments.traffic_stage import ObjectComparison, TrafficFrames
 from dechirp.report.traffic_section import describe_track_scores, traffic_table_rows
-from nightly import nightly, nightly_except
+from nightly import nightly
 
 # The radar of car 1 sees car 2 pull away and car 4 hidden behind it; 3 is behind the radar.
 TRACE = """time,id,class,x,y,heading,length,width,height
@@ -353,7 +353,7 @@ def azimuth_span(centre_m, size_m, radar_x_m):
 
 
 @nightly
-@pytest.mark.parametrize("kind", nightly_except(1, ["samples", "statistical"]))
+@pytest.mark.parametrize("kind", ["samples", "statistical"])
 def test_car_that_passes_behind_a_truck_disappears_and_reappears(tmp_path, kind):
     # The car crosses at 5 m/s, 60 m ahead of the centre of the radar's car. In a frame of 100 ms it
     # moves by 0.5 m, two widths of the diffraction zone, sqrt(lambda d1 d2 / (d1 + d2)) = 0.2 m.
@@ -402,9 +402,7 @@ POLES = """time,id,class,x,y,heading,length,width,height
 
 
 @nightly
-@pytest.mark.parametrize(
-    "mounts", nightly_except(1, [["front"], ["front-left", "front-right"]]), ids=["one", "two"]
-)
+@pytest.mark.parametrize("mounts", [["front"], ["front-left", "front-right"]], ids=["one", "two"])
 def test_tracks_on_structures_are_no_false_tracks(tmp_path, mounts):
     ahead, aside = np.array([np.cos(0.5), np.sin(0.5)]), np.array([-np.sin(0.5), np.cos(0.5)])
     places_m = [100, 50] + 20 * ahead + 3 * aside, [100, 50] + 40 * ahead

@@ -233,7 +233,6 @@ def test_settings_that_fail_in_confirmation_trials_are_not_chosen(tmp_path):
     ) == tune_result_as_dict(tune_result)
 
 
-@nightly
 def test_different_search_in_same_folder_is_refused(folder, reference_result, tmp_path):
     for old, new in (("trials: 40", "trials: 41"), ("to: 9", "to: 8"), ("1e-3}}", "2e-3}}")):
         tune = load_tune(write_tune_file(tmp_path, TUNE.replace(old, new)))

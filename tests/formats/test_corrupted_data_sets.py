@@ -15,7 +15,7 @@ from dechirp.radar.frame import Frame
 from dechirp.radar.multiplexing.tdm import Tdm
 from dechirp.radar.radar import Radar
 from formats.corruption import assert_cube_or_error, corrupted_bytes
-from nightly import n_examples, nightly_except
+from nightly import n_examples
 
 CHIRP = Chirp(
     start_frequency_hz=77e9,
@@ -74,8 +74,7 @@ def write_radical(folder: Path) -> dict[str, object]:
 
 
 @pytest.mark.parametrize(
-    "writer",
-    nightly_except(2, [write_infineon, write_coloradar, write_radial, write_raddet, write_radical]),
+    "writer", [write_infineon, write_coloradar, write_radial, write_raddet, write_radical]
 )
 @settings(max_examples=n_examples(80))
 @given(data=st.data())

@@ -65,7 +65,6 @@ def test_binary_variable_keeps_its_last_two_buffers():
     assert all(-(2**31) <= number < 2**31 for numbers in addresses for number in numbers)
 
 
-@nightly
 def test_radar_of_resources_measures_each_view_that_is_due(scenario, tmp_path):
     # Frames last 50 ms: of views every 20 ms those at 0, 60 and 120 ms are measured.
     radar = OsmpRadar(make_resources(tmp_path, scenario))

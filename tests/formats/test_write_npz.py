@@ -26,7 +26,7 @@ from formats.native_recordings import (
     make_table_recording,
     open_real_capture,
 )
-from nightly import n_examples, nightly_except
+from nightly import n_examples
 
 
 def test_numpy_reads_cube_and_tables(tmp_path):
@@ -141,41 +141,30 @@ def edit_description(path: Path, old: str, new: str) -> dict[str, bytes]:
 
 @pytest.mark.parametrize(
     ("change", "message"),
-    nightly_except(
-        4,
-        [
-            (
-                lambda path: edit_description(
-                    path, '"dechirp_exchange": 1', '"dechirp_exchange": 7'
-                ),
-                "version 7",
-            ),
-            (lambda path: edit_description(path, "W**0.5", "volt"), "volt"),
-            (lambda path: edit_description(path, "n_samples", "n_sampels"), "unreadable radar"),
-            (lambda path: edit_description(path, '"scale": null', '"scale": 0.5'), "scale of 0.5"),
-            (
-                lambda path: edit_description(path, '"scale": null', f'"scale": 1{"0" * 400}'),
-                "scale of inf",
-            ),
-            (lambda path: edit_description(path, '["target", "frame"]', '["target"]'), "truth"),
-            (lambda path: {"cube": None}, "cube"),
-            (
-                lambda path: {"cube": encode_npy(np.zeros((3, 6, 2, 32), np.int16))},
-                "int16 and a scale",
-            ),
-            (
-                lambda path: {"cube": encode_npy(np.zeros((3, 6, 2, 31), np.complex64))},
-                "31 along sample",
-            ),
-            (
-                lambda path: {"cube": encode_npy(np.zeros(4, np.complex64), (2**40, 6, 2, 32))},
-                "bytes",
-            ),
-            (lambda path: {"truth.range": None}, "truth"),
-            (lambda path: {"truth.range": encode_npy(np.zeros(1), (2**50,))}, "truth"),
-            (lambda path: {"gap": encode_npy(np.zeros((3, 5), np.uint8))}, "gap of 3 x 5"),
-        ],
-    ),
+    [
+        (
+            lambda path: edit_description(path, '"dechirp_exchange": 1', '"dechirp_exchange": 7'),
+            "version 7",
+        ),
+        (lambda path: edit_description(path, "W**0.5", "volt"), "volt"),
+        (lambda path: edit_description(path, "n_samples", "n_sampels"), "unreadable radar"),
+        (lambda path: edit_description(path, '"scale": null', '"scale": 0.5'), "scale of 0.5"),
+        (
+            lambda path: edit_description(path, '"scale": null', f'"scale": 1{"0" * 400}'),
+            "scale of inf",
+        ),
+        (lambda path: edit_description(path, '["target", "frame"]', '["target"]'), "truth"),
+        (lambda path: {"cube": None}, "cube"),
+        (lambda path: {"cube": encode_npy(np.zeros((3, 6, 2, 32), np.int16))}, "int16 and a scale"),
+        (
+            lambda path: {"cube": encode_npy(np.zeros((3, 6, 2, 31), np.complex64))},
+            "31 along sample",
+        ),
+        (lambda path: {"cube": encode_npy(np.zeros(4, np.complex64), (2**40, 6, 2, 32))}, "bytes"),
+        (lambda path: {"truth.range": None}, "truth"),
+        (lambda path: {"truth.range": encode_npy(np.zeros(1), (2**50,))}, "truth"),
+        (lambda path: {"gap": encode_npy(np.zeros((3, 5), np.uint8))}, "gap of 3 x 5"),
+    ],
 )
 def test_altered_native_file_error_names_mistake(tmp_path, change, message):
     path = tmp_path / "x.npz"

@@ -30,7 +30,7 @@ from dechirp.recordings.messages import ros
 from dechirp.recordings.writers.point_clouds import iter_ros2_messages
 from dechirp.recordings.writers.ros_messages import build_cloud_message, build_text_message
 from formats.corruption import assert_cube_or_error, corrupted_bytes
-from nightly import n_examples, nightly, nightly_except
+from nightly import n_examples, nightly
 
 pytest.importorskip("rosbags")
 pytest.importorskip("mcap")
@@ -465,7 +465,7 @@ def limit_file_size(n_bytes):
 
 
 @nightly
-@pytest.mark.parametrize("name", nightly_except(1, FILE_NAMES))
+@pytest.mark.parametrize("name", FILE_NAMES)
 def test_full_disk_keeps_existing_file(tmp_path, name):
     dc.write(make_recording(detections=DETECTIONS), tmp_path / name)
 

@@ -135,7 +135,7 @@ def test_reference_scene_equals_model(tmp_path, reference, clean):
 
 
 @nightly
-@pytest.mark.parametrize(("scaling", "rounding"), nightly_except({("block", "convergent")}, MODES))
+@pytest.mark.parametrize(("scaling", "rounding"), MODES)
 def test_emulated_cortex_m7_equals_model(tmp_path, scaling, rounding):
     words = WordLengths(sample_bits=12, range_bits=18, scaling=scaling, rounding=rounding)
     radar = make_radar(64, 16, n_rx=2)

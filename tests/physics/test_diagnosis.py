@@ -28,7 +28,7 @@ from foreign_arrays import (
     swapped_samples,
     target_of,
 )
-from nightly import nightly, nightly_except
+from nightly import nightly
 
 SEED = 9000  # thresholds were chosen on scenes with seeds below 1000
 
@@ -390,7 +390,7 @@ def invalid_calls():
     }
 
 
-@pytest.mark.parametrize("name", nightly_except(8, sorted(invalid_calls())))
+@pytest.mark.parametrize("name", sorted(invalid_calls()))
 def test_invalid_arguments_are_named(name):
     call, setting = invalid_calls()[name]
     with pytest.raises(dc.InvalidSetting) as caught:

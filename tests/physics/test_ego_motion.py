@@ -74,7 +74,6 @@ def draw_sightings(rng, n, v, azimuth_std, velocity_std, model_error, centre_rad
     return Sightings(velocity, azimuth, zeros, velocity_stds, azimuth_stds, zeros, np.full(n, 1e9))
 
 
-@nightly
 @pytest.mark.parametrize(
     ("azimuth_std", "velocity_std", "model_error"),
     nightly_except(

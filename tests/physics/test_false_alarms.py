@@ -147,8 +147,8 @@ def test_false_alarm_rate_of_several_receivers_matches_setting(radar, window, n_
 
 
 @nightly
-@pytest.mark.parametrize("window", nightly_except(["hann"], ["rectangular", "hann"]))
-@pytest.mark.parametrize("n_range_bins", nightly_except([256], [None, 256]))
+@pytest.mark.parametrize("window", ["rectangular", "hann"])
+@pytest.mark.parametrize("n_range_bins", [None, 256])
 def test_false_alarm_rate_of_real_samples_matches_setting(radar, window, n_range_bins):
     radar = resize_map(radar, 128, 64, sampling="real")
     n_maps = 3000
@@ -165,7 +165,7 @@ def test_false_alarm_rate_of_real_samples_matches_setting(radar, window, n_range
 @nightly
 @pytest.mark.parametrize(
     ("n_training", "n_guard"),
-    nightly_except(1, [((6, 0), (2, 0)), ((0, 5), (0, 2)), ((3, 2), (0, 0)), ((1, 1), (3, 3))]),
+    [((6, 0), (2, 0)), ((0, 5), (0, 2)), ((3, 2), (0, 0)), ((1, 1), (3, 3))],
     ids=["range only", "velocity only", "no guard", "thin window"],
 )
 def test_false_alarm_rate_matches_setting_for_any_training_window(radar, n_training, n_guard):
@@ -243,8 +243,8 @@ def test_threshold_is_mean_of_training_cells():
 # Noise in the rows about DC and half the sample rate is circular for velocities of two cells or
 # more. Thresholds are those of training cells in the next rows, which are independent of it.
 @nightly
-@pytest.mark.parametrize("n_range_bins", nightly_except(1, [None, 256]))
-@pytest.mark.parametrize("window", nightly_except(["hann"], ["rectangular", "hann"]))
+@pytest.mark.parametrize("n_range_bins", [None, 256])
+@pytest.mark.parametrize("window", ["rectangular", "hann"])
 def test_false_alarm_rate_of_real_samples_matches_setting_at_range_ends(
     radar, window, n_range_bins
 ):

@@ -296,7 +296,7 @@ def test_differing_cells_are_close_to_threshold(scenario, frame):
 
 @nightly
 @pytest.mark.parametrize("sampling", ["complex", "real"])
-@pytest.mark.parametrize("window", nightly_except(["hann"], ["hann", "rectangular"]))
+@pytest.mark.parametrize("window", ["hann", "rectangular"])
 def test_fixed_point_power_equals_floating_point_power(radar, clean_frame, sampling, window):
     chirp = replace(radar.frame.chirp, sampling=sampling)
     radar = replace(radar, frame=replace(radar.frame, chirp=chirp))

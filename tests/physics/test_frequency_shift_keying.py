@@ -10,7 +10,6 @@ import dechirp as dc
 from dechirp.processing.refine import Tones
 from dechirp.processing.velocity_ambiguity import by_ramps
 from dechirp.scene.aliasing import RangeVelocity, beat_and_doppler_frequencies
-from nightly import nightly_except
 
 # Slots are 2 of 7 and 3 of 10 repetitions apart: 7 and 10 ambiguities.
 FSK_MODULATION = dc.modulations.FrequencyShiftKeying(step_hz=3e8)
@@ -70,16 +69,13 @@ def draw_echo_tones(radar, velocity, snr, rng):
 @pytest.mark.parametrize("snr_db", [14, 20])
 @pytest.mark.parametrize(
     ("modulation", "n_ambiguities"),
-    nightly_except(
-        4,
-        [
-            (dc.modulations.FrequencyShiftKeying(step_hz=350e6), 4),  # a quarter of a repetition
-            (dc.modulations.FrequencyShiftKeying(step_hz=-233.3333e6), 3),  # two thirds
-            (dc.modulations.Staggered(pauses_s=(0, 35e-6)), 3),
-            (dc.modulations.Staggered(pauses_s=(0, 17.5e-6)), 5),
-            (STAGGERED_MODULATION, 16),
-        ],
-    ),
+    [
+        (dc.modulations.FrequencyShiftKeying(step_hz=350e6), 4),  # a quarter of a repetition
+        (dc.modulations.FrequencyShiftKeying(step_hz=-233.3333e6), 3),  # two thirds
+        (dc.modulations.Staggered(pauses_s=(0, 35e-6)), 3),
+        (dc.modulations.Staggered(pauses_s=(0, 17.5e-6)), 5),
+        (STAGGERED_MODULATION, 16),
+    ],
     ids=str,
 )
 def test_ambiguity_confidence_equals_share_of_correct_numbers(

@@ -219,7 +219,7 @@ def squared_position_errors_over_bound(trials: Trials) -> np.ndarray:
     "vehicle",
     [
         pytest.param(Vehicle(), id="parked"),
-        pytest.param(Vehicle(speed=15.0, turn_rate=0.3), id="turning", marks=nightly),
+        pytest.param(Vehicle(speed=15.0, turn_rate=0.3), id="turning"),
     ],
 )
 def test_pair_of_corner_radars_is_consistent_and_reaches_bound_of_both(vehicle):

@@ -216,9 +216,7 @@ def test_velocity_across_the_line_of_sight_follows_from_one_frame():
 @nightly
 @pytest.mark.parametrize(
     "changes",
-    nightly_except(
-        1, [{"model_time_s": 1e6}, {"manoeuvre_noise_m2_per_s3": 0.5, "model_time_s": 1e6}]
-    ),
+    [{"model_time_s": 1e6}, {"manoeuvre_noise_m2_per_s3": 0.5, "model_time_s": 1e6}],
 )
 def test_nees_of_straight_motion_is_in_its_interval(changes):
     # 60 independent objects in 25 frames; the interval is exceeded once in 1e6.
@@ -289,7 +287,7 @@ TURN_RATES = np.where(np.arange(130) * INTERVAL_S < 2, 0.0, 0.5)
 @nightly
 @pytest.mark.parametrize(
     ("path", "turn_rates"),
-    nightly_except(1, [(braking_path(), None), (turning_path(), TURN_RATES)]),
+    [(braking_path(), None), (turning_path(), TURN_RATES)],
     ids=["braking", "turning"],
 )
 def test_manoeuvring_car_is_followed_by_interacting_models(path, turn_rates):

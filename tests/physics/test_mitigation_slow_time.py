@@ -276,7 +276,7 @@ def unit_noise_power(radar, axis_transforms):
 @nightly
 @pytest.mark.parametrize(
     "method",
-    nightly_except(1, [MeanSubtraction(), MovingTargetIndication(order=2)]),
+    [MeanSubtraction(), MovingTargetIndication(order=2)],
     ids=lambda m: m.kind(),
 )
 def test_false_alarm_rate_matches_setting_after_mitigation(radar, method):

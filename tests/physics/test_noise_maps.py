@@ -100,11 +100,11 @@ def test_drawn_powers_are_gamma_distributed(radar, windows, n_rx):
 
 
 @nightly
-@pytest.mark.parametrize("windows", WINDOWS[1:] if NIGHTLY else WINDOWS[1:2])
+@pytest.mark.parametrize("windows", WINDOWS[1:])
 def test_drawn_and_simulated_maps_have_same_alarm_statistics(radar, windows):
     radar = resize_radar(radar, 64, 48, n_rx=2)
     chain = build_chain(windows, radar)
-    rng, n_maps = np.random.default_rng(83), 8_000 if NIGHTLY else 1000
+    rng, n_maps = np.random.default_rng(83), 8_000
     generators = (
         lambda: draw_noise_map(radar, chain, 1.0, rng),
         lambda: simulate_noise_map(radar, chain, rng),

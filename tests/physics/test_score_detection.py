@@ -21,7 +21,7 @@ from dechirp.processing.mitigation.mean_subtraction import MeanSubtraction
 from dechirp.processing.range_doppler_map import power_map, threshold_map
 from dechirp.scene.aliasing import RangeVelocity
 from dechirp.scene.bodies.vehicle import Car
-from nightly import NIGHTLY, nightly
+from nightly import nightly
 from trial_cases import (
     iter_noisy_cubes,
     iter_trials,
@@ -83,7 +83,7 @@ def test_neighbouring_cells_add_detections_as_predicted():
     """Four cells are equally strong half a cell off on both axes: a quarter more detections."""
     case = trial_context(small_radar(), HANN, 17.0, make_target(20.4745, 4.3397))
     noise, n_more = case.chain.map_noise_statistics(case.radar), 0
-    n_trials = 600 if NIGHTLY else 300
+    n_trials = 600
     truth = RangeVelocity(case.truth.range.values, case.truth.velocity.values)
     fast_cycles, slow_cycles = (
         float(cycles.item()) for cycles in echo_cycles_per_sample_and_chirp(truth, case.radar)

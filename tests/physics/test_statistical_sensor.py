@@ -206,7 +206,7 @@ def test_errors_match_stated_standard_errors():
 
 
 @nightly
-@pytest.mark.parametrize("n_elements", nightly_except(1, [1, 8]))
+@pytest.mark.parametrize("n_elements", [1, 8])
 def test_number_of_noise_peaks_matches_sample_maps(n_elements):
     scenario = build_scenario(build_radar(n_elements), target_cells=[], pfa=1e-3)
     n_maps, n_draws = 16, 200

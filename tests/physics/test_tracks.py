@@ -32,7 +32,7 @@ from dechirp.tracking.online import LiveTracker
 from dechirp.tracking.separation import is_within_separation
 from dechirp.tracking.track_update import predict_associate_and_update
 from dechirp.tracking.tracker import Tracker
-from nightly import nightly, nightly_except
+from nightly import nightly
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "crossing-tracks.yaml"
 STD = {"range": 0.15, "azimuth": 0.01, "velocity": 0.1}
@@ -148,7 +148,7 @@ def test_too_little_process_noise_makes_covariance_too_small():
 
 
 @nightly
-@pytest.mark.parametrize("number", nightly_except(1, range(2)))
+@pytest.mark.parametrize("number", range(2))
 def test_ten_crossing_targets_are_neither_lost_nor_swapped(number):
     trial = loading.read_settings(EXAMPLE, TrackTrial)
     assert (len(trial.scene.targets), trial.n_frames) == (10, 100)
