@@ -90,7 +90,6 @@ def test_posts_are_static_clusters_and_car_is_moving_cluster(result):
     assert (cluster_motion == result.detections.motion.values).all()
 
 
-@nightly
 def test_run_files_contain_ego_motion_clusters_and_tracks(street, tmp_path, capsys):
     with pytest.raises(SystemExit) as exit_info:
         main(["run", str(street), "--out", str(tmp_path / "out"), "--quiet"])

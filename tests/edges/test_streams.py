@@ -182,7 +182,6 @@ def test_invalid_packets_are_counted_and_discarded(capture, sensor, recorded_fra
     assert "1 sent more than 60 s ahead of the others" in finding.value
 
 
-@nightly
 def test_packets_of_other_sender_are_ignored(capture, sensor, recorded_frames):
     stream = dc.listen("127.0.0.1:0", radar=sensor, **RECORDING_OPTIONS, idle_s=0.5)
     packets = list(iter_file_as_packets(capture))

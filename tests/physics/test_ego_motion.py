@@ -361,6 +361,7 @@ def test_excess_scatter_raises_standard_error():
     ego = draw_ego_motions(rng, 200, 0.1, np.full(200, 20.0), 25 * covariance)
     mounting = mounting_angle(ego.assign(vx_std=ego.vx_std / 5, vy_std=ego.vy_std / 5))
 
+    assert mounting.yaw_rad == pytest.approx(0.1, abs=1e-3)  # five standard errors are 9e-4
     assert mounting.yaw_std_rad == pytest.approx(mounting_angle(ego).yaw_std_rad, rel=0.15)
 
 

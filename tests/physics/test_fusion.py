@@ -231,7 +231,7 @@ def test_pair_of_corner_radars_is_consistent_and_reaches_bound_of_both(vehicle):
     values = nees(trials.errors[:, confirmed], trials.covariances[:, confirmed]).mean(axis=0)
     low, high = mean_nees_interval(4, N_RUNS, outside_probability=FAILURE / values.size)
     assert np.all((low < values) & (values < high)), values
-    # 1.2 to 9.3 for 15 runs, 3.3 to 4.7 for 500: half the variance would be noticed in both.
+    # 3.3 to 4.7 for 500 runs: half the variance would be noticed.
     assert not np.all(2 * values < high)
     # At the bound, the mean of squared position errors over it is a weighted sum of chi-squares; it
     # spreads most if one direction has all the error: n_runs degrees of freedom.

@@ -478,7 +478,6 @@ def test_clutter_starts_no_track_and_does_not_disturb():
     assert rms_gospa_m(tracks, paths) < 0.2
 
 
-@nightly
 def test_person_who_sits_down_is_held_and_one_who_leaves_is_not():
     sitting = straight_path(200, 4, 0, 1, 0)
     sitting[40:] = np.nan  # a radar that removes static echoes

@@ -241,7 +241,6 @@ def test_table_has_layout_of_detect_and_depends_on_seed():
     assert not table.equals(draw_statistical_detections(scenario, seed=2))
 
 
-@nightly
 def test_tdm_resolves_velocity_ambiguity_as_in_samples():
     # Velocity of 40 cells, beyond the unambiguous 32 cells to each side.
     scenario = build_scenario(build_radar(8), target_cells=[(50.0, 40.0)], snr_db=25.0)
