@@ -101,6 +101,13 @@ def locate_brightest_pixel(view) -> tuple[float, float, float, float]:
     return glyph.x + (column + 0.5) * width, glyph.y + (row + 0.5) * height, width, height
 
 
+def brackets(view, *, turned):
+    """Return the columns of the brackets around detections, or of the turned ones around targets"""
+    columns = view.marks.data
+    rows = (columns["angle"] != 0) == turned
+    return {name: column[rows] for name, column in columns.items()}
+
+
 # Levels of powers.
 
 
@@ -125,8 +132,9 @@ def test_brightest_pixel_lies_at_target_range_and_velocity(page):
     x, y, width, height = locate_brightest_pixel(view)
     assert abs(x - truth.range.item()) <= width
     assert abs(y - truth.velocity.item()) <= height
-    assert view.truth.data["x"] == pytest.approx([truth.range.item()], abs=width)
-    assert view.detections.data["y"] == pytest.approx([truth.velocity.item()], abs=0.1 * height)
+    detections, targets = brackets(view, turned=False), brackets(view, turned=True)
+    assert targets["x"] == pytest.approx([truth.range.item()], abs=width)
+    assert detections["y"] == pytest.approx([truth.velocity.item()], abs=0.1 * height)
 
 
 def test_target_left_of_radar_is_on_left_of_azimuth_map(page):
@@ -137,7 +145,8 @@ def test_target_left_of_radar_is_on_left_of_azimuth_map(page):
     assert azimuth_deg > 20
     assert abs(x - azimuth_deg) < 2  # an eighth of a beam
     assert abs(y - truth.range.item()) <= height
-    assert view.detections.data["x"] == pytest.approx([azimuth_deg], abs=0.5)
+    for turned in (False, True):
+        assert brackets(view, turned=turned)["x"] == pytest.approx([azimuth_deg], abs=0.5)
     # The axis falls from left to right.
     assert view.figure.x_range.start > azimuth_deg > view.figure.x_range.end
     assert f"{azimuth_deg:.1f}° left" in view.caption.title
@@ -187,7 +196,7 @@ def test_single_element_array_shows_no_azimuth_map(page):
     page.scenario = apply_overrides(page.scenario, ["radar.array.rx=[[0, 0, 0]]"], LIMITS)
     page.show(view)
     assert "no azimuth" in view.caption.title
-    assert not view.image.data["image"][0].any() and not len(view.detections.data["x"])
+    assert not view.image.data["image"][0].any() and not len(view.marks.data["x"])
 
 
 def test_all_views_show_and_move_cursor(page):

@@ -46,8 +46,9 @@ class RangeAzimuthView(MapView):
         )
         detections, detections_rad = detection_map_positions_and_azimuths(frame_state)
         truth, truth_rad = target_map_positions_and_azimuths(frame_state)
-        self.draw_marks(self.detections, np.degrees(detections_rad), detections.range_m)
-        self.draw_marks(self.truth, np.degrees(truth_rad), truth.range_m)
+        self.draw_marks(
+            (np.degrees(detections_rad), detections.range_m), (np.degrees(truth_rad), truth.range_m)
+        )
         self.draw_cursor(None, frame_state.cursor.range_m)
 
     def update_caption(self, frame_state: FrameState) -> None:
@@ -71,8 +72,8 @@ class RangeAzimuthView(MapView):
         self.set_image_extent((90.0, -90.0), outer_cell_edges(frame_state.power.range.values))
         self._colour_bar.visible = False
         self.image.data = {"image": [np.zeros((1, 1), np.uint8)]}
-        for marks in (self.detections, self.truth):
-            self.draw_marks(marks, np.empty(0), np.empty(0))
+        nothing = np.empty(0), np.empty(0)
+        self.draw_marks(nothing, nothing)
         self.draw_cursor(None, None)
 
 

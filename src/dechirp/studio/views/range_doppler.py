@@ -36,8 +36,7 @@ class RangeDopplerView(MapView):
         )
         detections, _ = detection_map_positions_and_azimuths(frame_state)
         truth, _ = target_map_positions_and_azimuths(frame_state)
-        self.draw_marks(self.detections, *detections)
-        self.draw_marks(self.truth, *truth)
+        self.draw_marks(detections, truth)
         self.draw_cursor(*frame_state.cursor)
 
     def update_caption(self, frame_state: FrameState) -> None:
