@@ -70,7 +70,8 @@ class Session:
         self.on_settings: list[Callable[[Scenario], None]] = []
         """Called when settings have changed."""
         self.on_mistakes: list[Callable[[tuple[Mistake, ...]], None]] = []
-        """Called with the mistakes of an edit or a frame, and with none after a success."""
+        """Called with the mistakes of an edit or a frame, and with none after a success that
+        follows an edit or a failure."""
         self.setting_findings: list[Callable[[Scenario], tuple[Finding, ...]]] = []
         """Functions that return findings on the settings, beside those of a frame."""
         self.on_wait: list[Callable[[], None]] = []
@@ -87,6 +88,8 @@ class Session:
         self.activity = "computing"
         """Word for what the page waits for."""
         self._n_shown = self._n_drawn = 0
+        self._awaits_success = True
+        """True until listeners of mistakes know of a frame without any."""
         self._task: asyncio.Task[None] | None = None
         self._measuring: set[asyncio.Task[None]] = set()
         self._opened_path: str | None = None
@@ -229,7 +232,10 @@ class Session:
         if self.playing:  # the next one is made while the browser draws this one
             self._next_frame = self._start_computing_frame(self.step + 1)
         await self._wait_for_browser()
-        await self.run_in_document(partial(self._show_frame_and_mistakes, frame_state, wrong))
+        is_news = bool(edits) or self._awaits_success
+        await self.run_in_document(
+            partial(self._show_frame_and_mistakes, frame_state, wrong if is_news else None)
+        )
         self._n_shown += 1
 
     async def _calibrate_off_worker(self) -> None:
@@ -314,10 +320,12 @@ class Session:
         return _PendingFrame((self._player, step, self.cursor), frame_state)
 
     def _show_frame_and_mistakes(
-        self, frame_state: FrameState, mistakes: tuple[Mistake, ...]
+        self, frame_state: FrameState, mistakes: tuple[Mistake, ...] | None
     ) -> None:
+        """Show a frame, and the mistakes of the edits before it; None: they are as before."""
         self.frame_state, self.shows_current_settings = frame_state, True
-        self._notify_mistake_listeners(mistakes)
+        if mistakes is not None:
+            self._notify_mistake_listeners(mistakes)
         for show in self.on_frame:
             show(frame_state)
 
@@ -326,6 +334,7 @@ class Session:
             listener(self.scenario)
 
     def _notify_mistake_listeners(self, mistakes: tuple[Mistake, ...]) -> None:
+        self._awaits_success = bool(mistakes)
         for listener in self.on_mistakes:
             listener(mistakes)
 
