@@ -16,7 +16,8 @@ from dechirp.experiments.scenario import RecordingSource
 from dechirp.processing.chain import Chain
 from dechirp.processing.range_doppler_map import power_map, threshold_map
 from dechirp.scene.aliasing import RangeVelocity, range_doppler_map_position
-from dechirp.studio import frame_player
+from dechirp.simulation.simulate import build_stages_with_warnings
+from dechirp.studio import frame_player, frame_sources
 from dechirp.studio.cursor import Cursor, cursor_at_followed_detection, nearest_cell_indices
 from dechirp.studio.frame_player import FramePlayer
 from dechirp.studio.option_hints import translate_finding_to_page
@@ -100,6 +101,25 @@ def test_scene_repeats_with_new_noise(scenario):
     assert first.time_s == second.time_s
     xr.testing.assert_identical(first.truth, second.truth)
     assert not np.any(first.samples.values == second.samples.values)
+
+
+def test_changes_keep_findings_on_same_scene_and_make_those_on_another(scenario, monkeypatch):
+    """Their instants take 30 ms of a change, so an unchanged scene is not judged again."""
+    far_away = replace(FAR, position_m=(500.0, -4.0, 0))
+    aliased = replace(scenario, scene=dc.Scene(targets=[NEAR, far_away]))
+    n_judged = []
+    monkeypatch.setattr(
+        frame_sources,
+        "build_stages_with_warnings",
+        lambda *args, **options: n_judged.append(1) or build_stages_with_warnings(*args, **options),
+    )
+    player, findings = None, []
+    for changed in (scenario, aliased, replace(aliased, seed=4), scenario):
+        player = FramePlayer(changed, previous=player)
+        findings.append({finding.setting for finding in player.open_source().findings})
+    far_position = {"scene.targets.far.position"}
+    assert findings == [set(), far_position, far_position, set()]
+    assert len(n_judged) == 3
 
 
 @pytest.mark.parametrize(

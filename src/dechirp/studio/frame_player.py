@@ -59,7 +59,8 @@ class FramePlayer:
 
     Frames of a recording have the velocities that `run` gives them from the ranges of targets in
     all frames, once `detect_in_all_frames` has measured these on another thread. `previous` is the
-    player before a change of settings: ramps of a triangle that it chose are chosen here, too.
+    player before a change of settings: ramps of a triangle that it chose are chosen here, too, and
+    findings on a scene and radar that are the same are kept.
     """
 
     def __init__(
@@ -73,6 +74,10 @@ class FramePlayer:
         self._chosen_ramps: _ChosenRamps | None = None
         if previous is not None and previous._scenario.recording == scenario.recording:
             self._chosen_ramps = previous._chosen_ramps
+        self._previous_frames: FrameSource | None = None
+        """Source of the previous player, until the own one is open."""
+        if previous is not None:
+            self._previous_frames = previous._frames or previous._previous_frames
         self._frames: FrameSource | None = None
         self._new_detections: DetectedRecording | None = None
         """Detections in all frames, until the next frame takes them over."""
@@ -91,7 +96,8 @@ class FramePlayer:
             scenario = self._scenario
             if self._chosen_ramps is not None:
                 scenario = self._chosen_ramps.apply_to_scenario(scenario)
-            self._frames = open_frame_source(scenario, self._limits)
+            self._frames = open_frame_source(scenario, self._limits, self._previous_frames)
+            self._previous_frames = None
         return self._frames
 
     def detect_in_all_frames(self, progress: Callable[[int, int], None]) -> None:
