@@ -55,6 +55,32 @@ def test_plays_pauses_steps_and_rewinds_to_same_frame(shared_page):
     shared_page.wait_until(lambda: shared_page.read_figure_data("beat") == first_data)
 
 
+def test_frame_keeps_elements_of_tables_and_style_sheets_of_maps(shared_page):
+    """Bokeh would rebuild the tables, and let the browser compute all styles of a map again."""
+    shared_page.act_and_wait_for_frame(lambda: shared_page.press_button("Step"))
+    shared_page.page.evaluate(_WATCH_JS)
+    shared_page.act_and_wait_for_frame(lambda: shared_page.press_button("Step"))
+    shared_page.wait_until(
+        lambda: shared_page.page.evaluate("() => window.watched.nTableTexts > 0")
+    )
+    assert shared_page.page.evaluate("() => window.watched.table.isConnected")
+    assert shared_page.page.evaluate("() => window.watched.nStyleSheets") == 0
+
+
+_WATCH_JS = """() => {
+  const table = findView("detections-rows").markup_el;
+  window.watched = { table, nTableTexts: 0, nStyleSheets: 0 };
+  const watch = (element, count) => new MutationObserver((changes) => {
+    window.watched[count] += changes.length;
+  }).observe(element, { childList: true, subtree: true });
+  watch(table, "nTableTexts");
+  for (const view of findView("range_doppler").renderer_views.values()) {
+    const isAtRest = view.model.type === "Grid" || view.model.glyph?.type === "Image";
+    if (isAtRest) watch(view.el.shadowRoot, "nStyleSheets");
+  }
+}"""
+
+
 def test_target_can_be_dragged(shared_page, tmp_path):
     car = _find_target(shared_page.settings, "car")
     x, y, z = car.position_m

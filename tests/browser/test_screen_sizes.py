@@ -197,17 +197,15 @@ def test_marks_leave_echoes_visible_and_can_be_hidden(live_page):
     live_page.page.wait_for_timeout(500)  # the marks are gone
     assert len(positions) >= 4
     echoes = [_read_echo_colours(live_page, *position) for position in positions]
-    # The edge of a bracket around the target 3 pixels beside: 0.012. A line across: 0.5 and more.
-    np.testing.assert_allclose(marked_echoes, echoes, atol=0.05)
+    # No bracket reaches these pixels; a line across would change them by 0.5 and more.
+    np.testing.assert_allclose(marked_echoes, echoes, atol=0.005)
 
 
 _MARK_POSITIONS_JS = """() => {
   const figure = Bokeh.documents[0].get_model_by_name("range_doppler");
-  const marks = [...figure.references()].filter((model) => model.type === "Text");
-  const sources = new Set([...figure.references()]
-    .filter((model) => model.type === "GlyphRenderer" && marks.includes(model.glyph))
-    .map((model) => model.data_source));
-  return [...sources].flatMap(({ data }) => [...data.x].map((x, i) => [x, data.y[i]]));
+  const marks = figure.renderers.find((renderer) => renderer.glyph.type === "Rect");
+  const { x, y } = marks.data_source.data;
+  return [...x].map((position, i) => [position, y[i]]);
 }"""
 
 

@@ -101,8 +101,8 @@ def locate_brightest_pixel(view) -> tuple[float, float, float, float]:
     return glyph.x + (column + 0.5) * width, glyph.y + (row + 0.5) * height, width, height
 
 
-def brackets(view, *, turned):
-    """Return the columns of the brackets around detections, or of the turned ones around targets"""
+def select_brackets(view, *, turned):
+    """Return the columns of brackets around detections, or of the turned ones around targets."""
     columns = view.marks.data
     rows = (columns["angle"] != 0) == turned
     return {name: column[rows] for name, column in columns.items()}
@@ -132,9 +132,36 @@ def test_brightest_pixel_lies_at_target_range_and_velocity(page):
     x, y, width, height = locate_brightest_pixel(view)
     assert abs(x - truth.range.item()) <= width
     assert abs(y - truth.velocity.item()) <= height
-    detections, targets = brackets(view, turned=False), brackets(view, turned=True)
+    detections, targets = (select_brackets(view, turned=turned) for turned in (False, True))
     assert targets["x"] == pytest.approx([truth.range.item()], abs=width)
     assert detections["y"] == pytest.approx([truth.velocity.item()], abs=0.1 * height)
+
+
+def dash_lengths(view) -> tuple[float, list[float]]:
+    """Return the circumference of the brackets' rectangle, and its dashes and gaps."""
+    glyph = view._marks[0].glyph
+    return 2 * (glyph.width + glyph.height), glyph.line_dash
+
+
+@pytest.mark.parametrize(
+    ("n_detections", "n_shown", "width"), [(0, 0, 28), (40, 40, 28), (41, 41, 16), (201, 200, 16)]
+)
+def test_many_brackets_are_small_and_at_most_200(page, n_detections, n_shown, width):
+    view = RangeDopplerView(page)
+    places = np.append(np.arange(float(n_detections)), np.nan)
+    one_target = np.array([5.0]), np.array([2.0])
+    view.draw_marks((places, places / 10), one_target)
+    at_detections = select_brackets(view, turned=False)
+    assert at_detections["x"].tolist() == list(range(n_shown))
+    assert at_detections["y"] == pytest.approx(np.arange(n_shown) / 10)
+    assert select_brackets(view, turned=True)["x"].tolist() == [5.0]
+    assert {marks.glyph.width for marks in view._marks} == {width}
+    # Two feet, the gap above, the right bracket, the gap below, and the rest of the left one.
+    circumference, (foot, gap, right, gap_below, left, none) = dash_lengths(view)
+    assert foot + gap + right + gap_below + left == circumference
+    assert (gap, right, none) == (gap_below, left + foot, 0)
+    view.draw_marks((np.empty(0), np.empty(0)), one_target)
+    assert {marks.glyph.width for marks in view._marks} == {28}
 
 
 def test_target_left_of_radar_is_on_left_of_azimuth_map(page):
@@ -146,7 +173,7 @@ def test_target_left_of_radar_is_on_left_of_azimuth_map(page):
     assert abs(x - azimuth_deg) < 2  # an eighth of a beam
     assert abs(y - truth.range.item()) <= height
     for turned in (False, True):
-        assert brackets(view, turned=turned)["x"] == pytest.approx([azimuth_deg], abs=0.5)
+        assert select_brackets(view, turned=turned)["x"] == pytest.approx([azimuth_deg], abs=0.5)
     # The axis falls from left to right.
     assert view.figure.x_range.start > azimuth_deg > view.figure.x_range.end
     assert f"{azimuth_deg:.1f}° left" in view.caption.title

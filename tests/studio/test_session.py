@@ -194,6 +194,28 @@ def test_failing_view_is_reported_and_page_continues(run_page, caplog):
     assert "a page of the studio failed" in caplog.text
 
 
+def test_mistakes_are_notified_only_after_edits_and_failures(run_page):
+    """Panels would spend 1 ms of each frame on the same news."""
+
+    async def interaction(page: Page) -> None:
+        session = page.session
+        await page.wait_until(lambda: page.mistakes == [()])
+        session.set_playing(True)
+        await page.wait_until(lambda: len(page.frames) > 10)
+        session.set_playing(False)
+        assert page.mistakes == [()]
+        session.change_setting("n_frames", "rubbish")
+        await page.wait_until(lambda: len(page.mistakes) == 2)
+        session.go_to_step(session.step + 1)
+        await page.wait_until(lambda: len(page.mistakes) == 3)
+        assert page.mistakes[1] and page.mistakes[2] == ()
+        session.change_setting("seed", "5")
+        await page.wait_until(lambda: page.frames[-1].seed == 5)
+        assert page.mistakes[3:] == [()]
+
+    run_page(interaction)
+
+
 def test_wait_notice_appears_only_for_slow_frames(run_page, monkeypatch):
     async def interaction(page: Page) -> None:
         waits = []

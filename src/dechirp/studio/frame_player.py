@@ -60,7 +60,7 @@ class FramePlayer:
     Frames of a recording have the velocities that `run` gives them from the ranges of targets in
     all frames, once `detect_in_all_frames` has measured these on another thread. `previous` is the
     player before a change of settings: ramps of a triangle that it chose are chosen here, too, and
-    findings on a scene and radar that are the same are kept.
+    its findings on the scene are kept if all settings of the simulation are the same.
     """
 
     def __init__(

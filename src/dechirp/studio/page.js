@@ -42,19 +42,18 @@ for (const [type, method, part] of [
   };
 }
 
-// With each figure that it paints, Bokeh writes the style sheets of all parts anew, mostly with the
-// text that they have: some eighty a frame, after which the browser would compute all styles again,
-// a tenth of the time of a frame.
+// With each figure that it paints, Bokeh writes the style sheets of all its parts anew: some eighty
+// texts a frame, nearly all as they were. The browser would compute its styles again after each.
 const { textContent } = Object.getOwnPropertyDescriptors(window.Node.prototype);
 Object.defineProperty(window.HTMLStyleElement.prototype, "textContent", {
   ...textContent,
   set(css) { if (css !== textContent.get.call(this)) textContent.set.call(this, css); },
 });
 
-// Of a changed text, Bokeh builds the widget with its style sheets anew and measures the page.
+// When a text changes, Bokeh rebuilds its widget with style sheets and layout; the text is enough.
 window.Bokeh.Models.Div.prototype.default_view.prototype.rerender = function () {
   const { text, render_as_text } = this.model;
-  this.markup_el[render_as_text ? "textContent" : "innerHTML"] = text;
+  if (this.markup_el) this.markup_el[render_as_text ? "textContent" : "innerHTML"] = text;
 };
 
 const shadeButton = document.getElementById("shade");

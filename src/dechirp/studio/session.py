@@ -88,8 +88,8 @@ class Session:
         self.activity = "computing"
         """Word for what the page waits for."""
         self._n_shown = self._n_drawn = 0
-        self._awaits_success = True
-        """True until listeners of mistakes know of a frame without any."""
+        self._has_unresolved_mistakes = True
+        """True until `on_mistakes` was called without mistakes."""
         self._task: asyncio.Task[None] | None = None
         self._measuring: set[asyncio.Task[None]] = set()
         self._opened_path: str | None = None
@@ -232,9 +232,9 @@ class Session:
         if self.playing:  # the next one is made while the browser draws this one
             self._next_frame = self._start_computing_frame(self.step + 1)
         await self._wait_for_browser()
-        is_news = bool(edits) or self._awaits_success
+        must_notify = bool(edits) or self._has_unresolved_mistakes
         await self.run_in_document(
-            partial(self._show_frame_and_mistakes, frame_state, wrong if is_news else None)
+            partial(self._show_frame_and_mistakes, frame_state, wrong if must_notify else None)
         )
         self._n_shown += 1
 
@@ -334,7 +334,7 @@ class Session:
             listener(self.scenario)
 
     def _notify_mistake_listeners(self, mistakes: tuple[Mistake, ...]) -> None:
-        self._awaits_success = bool(mistakes)
+        self._has_unresolved_mistakes = bool(mistakes)
         for listener in self.on_mistakes:
             listener(mistakes)
 

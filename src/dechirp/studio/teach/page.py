@@ -75,8 +75,15 @@ class LessonPage:
         for knob in self._knobs.values():
             knob.on_change("value", self._mark_knobs_changed)
         self._play = _new_button(_PLAY, self._toggle_play, name="play")
-        self._numbers = Div(name="numbers", css_classes=["lesson"], sizing_mode="stretch_width")
-        self._answer = Div(name="answer", text=_INVITATION, sizing_mode="stretch_width")
+        self._numbers = Div(
+            name="numbers",
+            css_classes=["lesson"],
+            sizing_mode="stretch_width",
+            disable_math=True,
+        )
+        self._answer = Div(
+            name="answer", text=_INVITATION, sizing_mode="stretch_width", disable_math=True
+        )
         tries = [
             _new_button(
                 apply_typography(experiment.question),

@@ -59,7 +59,7 @@ class MapView(View):
         self.figure.x_range, self.figure.y_range = Range1d(0, 1), Range1d(0, 1)
         self.image = ColumnDataSource({"image": [np.zeros((1, 1), np.uint8)]})
         self.marks = ColumnDataSource({"x": [], "y": [], "angle": []})
-        """Brackets, in rad: `_UPRIGHT` around detections, `_TURNED` around targets."""
+        """Centres of brackets, and angles: `_UPRIGHT` of detections, `_TURNED` of targets."""
         # The image contains levels; the colour bar shows the powers they represent.
         self._level_mapper = LinearColorMapper(low=0, high=255)
         self._power_mapper = LinearColorMapper(low=-100 - SPAN_DB, high=-100)
@@ -135,17 +135,14 @@ class MapView(View):
     def draw_marks(
         self, detections: tuple[np.ndarray, np.ndarray], targets: tuple[np.ndarray, np.ndarray]
     ) -> None:
-        """Draw brackets around positions (x, y); only the first ones of each kind if many."""
-        columns = [
-            (x[rows], y[rows], np.full(rows.size, angle_rad))
-            for (x, y), angle_rad in ((detections, _UPRIGHT), (targets, _TURNED))
-            for rows in [np.flatnonzero(np.isfinite(x) & np.isfinite(y))[:_MAX_MARKS]]
-        ]
-        self.marks.data = dict(
-            zip(("x", "y", "angle"), map(np.concatenate, zip(*columns, strict=True)), strict=True)
-        )
-        is_large = max(x.size for x, _, _ in columns) <= _MAX_LARGE_MARKS
-        shape = _bracket_properties(*(_LARGE_MARK if is_large else _SMALL_MARK))
+        """Draw brackets around positions (x, y): at most 200 of a kind, all small above 40."""
+        at_detections = _mark_columns(*detections, _UPRIGHT)
+        at_targets = _mark_columns(*targets, _TURNED)
+        self.marks.data = {
+            name: np.concatenate([at_detections[name], at_targets[name]]) for name in at_targets
+        }
+        n_marks = max(at_detections["x"].size, at_targets["x"].size)
+        shape = _bracket_properties(*(_LARGE_MARK if n_marks <= _MAX_LARGE_MARKS else _SMALL_MARK))
         for marks in self._marks:
             if marks.glyph.width != shape["width"]:
                 marks.glyph.update(**shape)
@@ -202,6 +199,12 @@ class MapView(View):
     def _move_cursor(self, x: float, y: float) -> None:
         if self.session.frame_state is not None:
             self.session.move_cursor(self.cursor_at_position(x, y))
+
+
+def _mark_columns(x: np.ndarray, y: np.ndarray, angle_rad: float) -> dict[str, np.ndarray]:
+    """Return the columns of marks at the first known positions."""
+    rows = np.flatnonzero(np.isfinite(x) & np.isfinite(y))[:_MAX_MARKS]
+    return {"x": x[rows], "y": y[rows], "angle": np.full(rows.size, angle_rad)}
 
 
 def _bracket_properties(width: int, height: int, foot: int) -> dict[str, object]:

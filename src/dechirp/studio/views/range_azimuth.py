@@ -72,8 +72,8 @@ class RangeAzimuthView(MapView):
         self.set_image_extent((90.0, -90.0), outer_cell_edges(frame_state.power.range.values))
         self._colour_bar.visible = False
         self.image.data = {"image": [np.zeros((1, 1), np.uint8)]}
-        nothing = np.empty(0), np.empty(0)
-        self.draw_marks(nothing, nothing)
+        no_positions = np.empty(0), np.empty(0)
+        self.draw_marks(no_positions, no_positions)
         self.draw_cursor(None, None)
 
 

@@ -74,7 +74,11 @@ class TableTile:
         self.picked = PickedRow()
         self.picked.on_change("row", self._move_cursor_to_picked_row)
         self.title = Div(
-            text="", margin=(3, 8, 1, 8), sizing_mode="stretch_width", css_classes=["line"]
+            text="",
+            margin=(3, 8, 1, 8),
+            sizing_mode="stretch_width",
+            css_classes=["line"],
+            disable_math=True,
         )
         css = resources.files("dechirp.studio.views").joinpath("table.css").read_text("utf-8")
         css += _TWO_LINE_TITLES_CSS % (len(headings) * _TITLE_PX)
@@ -84,6 +88,7 @@ class TableTile:
             tags=[self.picked],
             margin=0,
             sizing_mode="stretch_both",
+            disable_math=True,
             stylesheets=[InlineStyleSheet(css=css)],
         )
         self.root_element: UIElement = column(self.title, self.table, name=name, margin=0)
