@@ -66,13 +66,15 @@ class Page:
             sessions.Session.start = start
         (self.session,) = sessions_created
         self.session.on_mistakes.append(self._record_mistakes)
-        self.session.on_frame.append(
-            lambda _: self.session.confirm_frames_drawn(self.session._n_shown + 1)
-        )
+        self.session.on_frame.append(self._record_frame)
         self.session.start()
 
+    def _record_frame(self, _: object) -> None:
+        self.session.confirm_frames_drawn(self.session._n_shown + 1)
+        self.n_reports += 1
+
     def _record_mistakes(self, mistakes: tuple[Mistake, ...]) -> None:
-        self.n_reports += 1  # once per frame, including failed ones
+        self.n_reports += bool(mistakes)  # a frame that failed is not shown
         self.internal_errors += [
             mistake for mistake in mistakes if mistake == sessions._INTERNAL_ERROR
         ]
