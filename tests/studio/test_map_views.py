@@ -137,12 +137,6 @@ def test_brightest_pixel_lies_at_target_range_and_velocity(page):
     assert detections["y"] == pytest.approx([truth.velocity.item()], abs=0.1 * height)
 
 
-def dash_lengths(view) -> tuple[float, list[float]]:
-    """Return the circumference of the brackets' rectangle, and its dashes and gaps."""
-    glyph = view._marks[0].glyph
-    return 2 * (glyph.width + glyph.height), glyph.line_dash
-
-
 @pytest.mark.parametrize(
     ("n_detections", "n_shown", "width"), [(0, 0, 28), (40, 40, 28), (41, 41, 16), (201, 200, 16)]
 )
@@ -157,8 +151,9 @@ def test_many_brackets_are_small_and_at_most_200(page, n_detections, n_shown, wi
     assert select_brackets(view, turned=True)["x"].tolist() == [5.0]
     assert {marks.glyph.width for marks in view._marks} == {width}
     # Two feet, the gap above, the right bracket, the gap below, and the rest of the left one.
-    circumference, (foot, gap, right, gap_below, left, none) = dash_lengths(view)
-    assert foot + gap + right + gap_below + left == circumference
+    glyph = view._marks[0].glyph
+    foot, gap, right, gap_below, left, none = glyph.line_dash
+    assert foot + gap + right + gap_below + left == 2 * (glyph.width + glyph.height)
     assert (gap, right, none) == (gap_below, left + foot, 0)
     view.draw_marks((np.empty(0), np.empty(0)), one_target)
     assert {marks.glyph.width for marks in view._marks} == {28}
