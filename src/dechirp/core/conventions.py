@@ -12,7 +12,7 @@ beat signal is Tx x conj(Rx), so an up-chirp gives positive beat frequencies. x 
 forward (boresight), y left, z up; azimuth grows to the left, elevation up.
 """
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from typing import cast
 
 import numpy as np
@@ -68,3 +68,40 @@ def axis_coordinate(name: str, values: np.ndarray) -> xr.Variable:
     # xarray would import pint, 0.05 s, to convert another array to the index that it needs.
     attributes = {"units": units, "long_name": long_name}
     return cast(xr.Variable, xr.IndexVariable(name, pd.Index(values), attributes))  # type: ignore[no-untyped-call]
+
+
+def shared_coordinates(variables: Mapping[str, xr.Variable]) -> xr.Coordinates:
+    """Return coordinates, with their indexes, for the arrays that `labelled_array` labels.
+
+    The labels of axes are read-only, as pandas 3 has them: an edit would reach all these arrays.
+    """
+    coordinates = xr.Coordinates(variables)
+    for index in coordinates.indexes.values():
+        index.values.flags.writeable = False
+    return coordinates
+
+
+def labelled_array(
+    variable: xr.Variable, *coordinates: xr.Coordinates, name: str | None = None
+) -> xr.DataArray:
+    """Return an array with coordinates that other arrays may have, too.
+
+    Attributes, and coordinates that are no axes, are copied, so that edits do not reach the others.
+    Without `fastpath` xarray compares and copies all labels: 0.7 ms for a cube instead of 0.05.
+
+    Raises
+    ------
+    ValueError
+        If there are more or fewer labels than elements along an axis.
+    """
+    sizes = variable.sizes
+    variables: dict[Hashable, xr.Variable] = {}
+    indexes: dict[Hashable, xr.Index] = {}
+    for part in coordinates:
+        own_indexes = part.xindexes
+        indexes |= own_indexes
+        for key, coordinate in part.variables.items():
+            if any(sizes[axis] != size for axis, size in coordinate.sizes.items()):
+                raise ValueError(f"{key} has the shape {coordinate.shape} in an array of {sizes}")
+            variables[key] = coordinate.copy(deep=key not in own_indexes)
+    return xr.DataArray(variable, variables, name=name, indexes=indexes, fastpath=True)

@@ -7,7 +7,12 @@ import xarray as xr
 
 from dechirp.core.argument_types import check_argument_types
 from dechirp.core.compiled_kernels import plain_twins_in_first_calls
-from dechirp.core.conventions import axis_coordinate, labelled_variable
+from dechirp.core.conventions import (
+    axis_coordinate,
+    labelled_array,
+    labelled_variable,
+    shared_coordinates,
+)
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.memory import check_free_memory
 from dechirp.core.units import power_units
@@ -73,21 +78,21 @@ def label_map_axes(
 ) -> xr.DataArray:
     """Label a map (velocity, range) with its axes and its unit."""
     attributes = {"units": power_units(samples_unit), "long_name": "power"}
-    return xr.DataArray(
-        labelled_variable(("velocity", "range"), power, attributes),
-        coords=_map_axis_coordinates(radar, chain),
-    )
+    variable = labelled_variable(("velocity", "range"), power, attributes)
+    return labelled_array(variable, _map_axis_coordinates(radar, chain))
 
 
 @lru_cache(maxsize=8)  # 0.7 ms
-def _map_axis_coordinates(radar: Radar, chain: Chain) -> dict[str, xr.Variable]:
+def _map_axis_coordinates(radar: Radar, chain: Chain) -> xr.Coordinates:
     noise = chain.map_noise_statistics(radar)
     velocity_m_per_s = radar.frame.velocity_bins_m_per_s(noise.doppler_transform.n_bins)
     range_m = radar.frame.chirp.range_bins_m(noise.range_transform.n_bins)
-    return {
-        "velocity": axis_coordinate("velocity", velocity_m_per_s),
-        "range": axis_coordinate("range", range_m),
-    }
+    return shared_coordinates(
+        {
+            "velocity": axis_coordinate("velocity", velocity_m_per_s),
+            "range": axis_coordinate("range", range_m),
+        }
+    )
 
 
 @check_argument_types
