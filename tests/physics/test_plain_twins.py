@@ -23,7 +23,9 @@ from dechirp.core.threads import limit_threads
 from dechirp.experiments.link_budget import link_budget_of_first_target
 from dechirp.experiments.run import run
 from dechirp.processing import simd_range_doppler
+from dechirp.processing.angle.aperture import Aperture
 from dechirp.processing.cfar.base import TrainingWindow
+from dechirp.processing.simd_beamforming import mirrored_beam_weights, raise_to_largest_beam_power
 from dechirp.processing.spectrum import (
     Transform,
     mean_range_doppler_power,
@@ -114,6 +116,7 @@ REASSEMBLY = "recordings.live.reassembly._insert_packets_into_frames"
 # Kernels whose callers compute without them, and the test that compares both ways.
 COMPARED_CALLERS = {
     "processing.cfar": "test_detectors_equal_without_numba",
+    "processing.simd_beam_powers": "test_beams_in_registers_equal_those_of_numpy",
     "processing.simd_range_doppler": "test_transforms_in_registers_equal_those_of_scipy",
     "simulation.kernels": "test_direct_kernel_replaces_others_without_numba",
 }
@@ -212,6 +215,23 @@ def test_transforms_in_registers_equal_those_of_scipy(compute):
 
     with plain_twins_for_small_work(0):
         plain = compute(samples, "complex", fast, slow)
+
+    assert relative_difference(compiled, plain) < TOLERANCE
+
+
+@pytest.mark.parametrize("n_ranges", [15, 16, 70, 260])
+def test_beams_in_registers_equal_those_of_numpy(n_ranges):
+    rng = np.random.default_rng(3)
+    aperture = Aperture(np.array([(0, 0.55 * k, 0) for k in range(12)]))
+    pair_sums, weights = mirrored_beam_weights(aperture)
+    assert weights.shape[1] % 4  # the last group of directions is not full
+    spectrum = rng.standard_normal((5, 12, 2, n_ranges), np.float32)
+    compensation = np.exp(2j * np.pi * rng.random((5, 12))).astype(np.complex64)
+    compiled, plain = np.zeros((2, len(aperture.direction_grid.azimuth_rad), n_ranges), np.float32)
+    raise_to_largest_beam_power(compiled, spectrum, compensation, pair_sums, weights)
+
+    with plain_twins_for_small_work(0):
+        raise_to_largest_beam_power(plain, spectrum, compensation, pair_sums, weights)
 
     assert relative_difference(compiled, plain) < TOLERANCE
 

@@ -19,16 +19,22 @@ from numba.core import types
 from numba.extending import intrinsic
 
 from dechirp.core.compiled_kernels import kernel
-
-WIDTH = 16
-"""Series that are transformed together; a point takes twice as many floats."""
-POINT = 2 * WIDTH
+from dechirp.processing.simd_vectors import (
+    FLOATS,
+    INTEGER,
+    POINT,
+    VECTOR,
+    WIDTH,
+    broadcast_to_vector,
+    element_pointer,
+    int64_constant,
+    load_vector,
+    store_vector,
+)
 
 RADICES = (8, 5, 4, 3, 2, 7, 11, 13)
 """Factors of the lengths that can be transformed."""
 
-_VECTOR = ir.VectorType(ir.FloatType(), WIDTH)
-_FLOATS, _WHOLE = types.Array(types.float32, 1, "C"), types.int64
 _Complex = tuple[Any, Any]
 
 
@@ -79,33 +85,8 @@ def output_position_of_frequency(n: int) -> np.ndarray:
     return positions
 
 
-def _element_pointer(context: Any, builder: Any, kind: Any, array: Any, place: Any) -> Any:
-    data = context.make_array(kind)(context, builder, array).data
-    return builder.gep(data, [place])
-
-
-def _load_vector(builder: Any, pointer: Any) -> Any:
-    return builder.load(builder.bitcast(pointer, _VECTOR.as_pointer()), align=4)
-
-
-def _store_vector(builder: Any, vector: Any, pointer: Any) -> None:
-    builder.store(vector, builder.bitcast(pointer, _VECTOR.as_pointer()), align=4)
-
-
-def _int64_constant(number: int) -> Any:
-    return ir.Constant(ir.IntType(64), number)
-
-
 def _constant_vector(number: float) -> Any:
-    return ir.Constant(_VECTOR, [float(np.float32(number))] * WIDTH)
-
-
-def _broadcast_to_vector(builder: Any, number: Any) -> Any:
-    vector = builder.insert_element(
-        ir.Constant(_VECTOR, ir.Undefined), number, ir.Constant(ir.IntType(32), 0)
-    )
-    zeros = ir.Constant(ir.VectorType(ir.IntType(32), WIDTH), [0] * WIDTH)
-    return builder.shuffle_vector(vector, ir.Constant(_VECTOR, ir.Undefined), zeros)
+    return ir.Constant(VECTOR, [float(np.float32(number))] * WIDTH)
 
 
 def _shuffle_vectors(builder: Any, a: Any, b: Any, lanes: Sequence[int]) -> Any:
@@ -201,31 +182,31 @@ def _build_butterfly(radix: int) -> Callable[..., None]:
     def turn(context, work, place, stride, twiddles, first):  # type: ignore[no-untyped-def] # noqa: ANN001
         def code(context, builder, signature, values):  # type: ignore[no-untyped-def] # noqa: ANN001
             sums = _ComplexBuilder(builder)
-            pointers = [_element_pointer(context, builder, signature.args[0], values[0], values[1])]
-            factors = _element_pointer(context, builder, signature.args[3], values[3], values[4])
+            pointers = [element_pointer(context, builder, signature.args[0], values[0], values[1])]
+            factors = element_pointer(context, builder, signature.args[3], values[3], values[4])
             for _ in range(radix - 1):
                 pointers.append(builder.gep(pointers[-1], [values[2]]))
-            imaginary = [builder.gep(pointer, [_int64_constant(WIDTH)]) for pointer in pointers]
+            imaginary = [builder.gep(pointer, [int64_constant(WIDTH)]) for pointer in pointers]
             x = [
-                (_load_vector(builder, re), _load_vector(builder, im))
+                (load_vector(builder, re), load_vector(builder, im))
                 for re, im in zip(pointers, imaginary, strict=True)
             ]
             first, *others = sums.transform_few_points(x)
             turned = [first]
             for k, y in enumerate(others):
                 c, s = (
-                    _broadcast_to_vector(
-                        builder, builder.load(builder.gep(factors, [_int64_constant(2 * k + part)]))
+                    broadcast_to_vector(
+                        builder, builder.load(builder.gep(factors, [int64_constant(2 * k + part)]))
                     )
                     for part in (0, 1)
                 )
                 turned.append(sums.rotate(y, c, s))
             for y, re, im in zip(turned, pointers, imaginary, strict=True):
-                _store_vector(builder, y[0], re)
-                _store_vector(builder, y[1], im)
+                store_vector(builder, y[0], re)
+                store_vector(builder, y[1], im)
             return context.get_dummy_value()
 
-        return types.void(_FLOATS, _WHOLE, _WHOLE, twiddles, _WHOLE), code
+        return types.void(FLOATS, INTEGER, INTEGER, twiddles, INTEGER), code
 
     return turn
 
@@ -318,14 +299,14 @@ def _pointers_to_sixteen_points(
     context: Any, builder: Any, kinds: Sequence[Any], values: Sequence[Any]
 ) -> list[Any]:
     """Return pointers to sixteen points of an array, at consecutive entries of `places`."""
-    places = _element_pointer(context, builder, kinds[1], values[1], values[2])
+    places = element_pointer(context, builder, kinds[1], values[1], values[2])
     return [
-        _element_pointer(
+        element_pointer(
             context,
             builder,
             kinds[0],
             values[0],
-            builder.load(builder.gep(places, [_int64_constant(i)])),
+            builder.load(builder.gep(places, [int64_constant(i)])),
         )
         for i in range(WIDTH)
     ]
@@ -336,26 +317,26 @@ def _build_windowed_point_loader() -> Callable[..., None]:
     def run(context, work, place, numbers, start, window, first, weight):  # type: ignore[no-untyped-def] # noqa: ANN001
         def code(context, builder, signature, values):  # type: ignore[no-untyped-def] # noqa: ANN001
             kinds, sums = signature.args, _ComplexBuilder(builder)
-            source = _element_pointer(context, builder, kinds[2], values[2], values[3])
+            source = element_pointer(context, builder, kinds[2], values[2], values[3])
             lower, upper = (
-                _load_vector(builder, builder.gep(source, [_int64_constant(i)])) for i in (0, WIDTH)
+                load_vector(builder, builder.gep(source, [int64_constant(i)])) for i in (0, WIDTH)
             )
-            taper = _load_vector(
-                builder, _element_pointer(context, builder, kinds[4], values[4], values[5])
+            taper = load_vector(
+                builder, element_pointer(context, builder, kinds[4], values[4], values[5])
             )
-            taper = sums.multiply_real(taper, _broadcast_to_vector(builder, values[6]))
-            target = _element_pointer(context, builder, kinds[0], values[0], values[1])
+            taper = sums.multiply_real(taper, broadcast_to_vector(builder, values[6]))
+            target = element_pointer(context, builder, kinds[0], values[0], values[1])
             for part in (0, 1):
                 part_values = _shuffle_vectors(builder, lower, upper, range(part, POINT, 2))
-                _store_vector(
+                store_vector(
                     builder,
                     sums.multiply_real(part_values, taper),
-                    builder.gep(target, [_int64_constant(part * WIDTH)]),
+                    builder.gep(target, [int64_constant(part * WIDTH)]),
                 )
             return context.get_dummy_value()
 
         # Read-only arrays have another type than writable ones.
-        kinds = _FLOATS, _WHOLE, numbers, _WHOLE, window, _WHOLE, types.float32
+        kinds = FLOATS, INTEGER, numbers, INTEGER, window, INTEGER, types.float32
         return types.void(*kinds), code
 
     return run
@@ -372,20 +353,20 @@ def _build_transposed_point_store() -> Callable[..., None]:
     def run(context, out, to, stride, apart, work, places, first):  # type: ignore[no-untyped-def] # noqa: ANN001
         def code(context, builder, signature, values):  # type: ignore[no-untyped-def] # noqa: ANN001
             kinds = signature.args
-            target = _element_pointer(context, builder, kinds[0], values[0], values[1])
+            target = element_pointer(context, builder, kinds[0], values[0], values[1])
             points = _pointers_to_sixteen_points(context, builder, kinds[4:6], values[4:])
             for part in (0, WIDTH):
                 rows = [
-                    _load_vector(builder, builder.gep(point, [_int64_constant(part)]))
+                    load_vector(builder, builder.gep(point, [int64_constant(part)]))
                     for point in points
                 ]
                 row_at = target if part == 0 else builder.gep(target, [values[3]])
                 for row in _transpose_vectors(builder, rows):
-                    _store_vector(builder, row, row_at)
+                    store_vector(builder, row, row_at)
                     row_at = builder.gep(row_at, [values[2]])
             return context.get_dummy_value()
 
-        return types.void(_FLOATS, _WHOLE, _WHOLE, _WHOLE, _FLOATS, places, _WHOLE), code
+        return types.void(FLOATS, INTEGER, INTEGER, INTEGER, FLOATS, places, INTEGER), code
 
     return run
 
@@ -403,23 +384,23 @@ def _build_transposed_power_store(*, adds: bool) -> Callable[..., None]:
     def run(context, out, to, stride, work, places, first, share):  # type: ignore[no-untyped-def] # noqa: ANN001
         def code(context, builder, signature, values):  # type: ignore[no-untyped-def] # noqa: ANN001
             kinds, sums = signature.args, _ComplexBuilder(builder)
-            target = _element_pointer(context, builder, kinds[0], values[0], values[1])
-            share, rows = _broadcast_to_vector(builder, values[6]), []
+            target = element_pointer(context, builder, kinds[0], values[0], values[1])
+            share, rows = broadcast_to_vector(builder, values[6]), []
             for point in _pointers_to_sixteen_points(context, builder, kinds[3:5], values[3:6]):
                 re, im = (
-                    _load_vector(builder, builder.gep(point, [_int64_constant(i)]))
+                    load_vector(builder, builder.gep(point, [int64_constant(i)]))
                     for i in (0, WIDTH)
                 )
                 power = sums.add_real(sums.multiply_real(re, re), sums.multiply_real(im, im))
                 rows.append(sums.multiply_real(power, share))
             for row in _transpose_vectors(builder, rows):
-                total = sums.add_real(_load_vector(builder, target), row) if adds else row
-                _store_vector(builder, total, target)
+                total = sums.add_real(load_vector(builder, target), row) if adds else row
+                store_vector(builder, total, target)
                 target = builder.gep(target, [values[2]])
             return context.get_dummy_value()
 
         return (
-            types.void(_FLOATS, _WHOLE, _WHOLE, _FLOATS, places, _WHOLE, types.float32),
+            types.void(FLOATS, INTEGER, INTEGER, FLOATS, places, INTEGER, types.float32),
             code,
         )
 

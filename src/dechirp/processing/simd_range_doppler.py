@@ -15,8 +15,6 @@ from dechirp.core.buffers import scratch_complex64_array
 from dechirp.core.compiled_kernels import IN_CALLER, kernel
 from dechirp.core.threads import run_in_threads, split_range
 from dechirp.processing.simd_fft import (
-    POINT,
-    WIDTH,
     add_powers,
     fft_sixteen_series_in_place,
     load_windowed,
@@ -25,6 +23,7 @@ from dechirp.processing.simd_fft import (
     set_powers,
     store_transposed,
 )
+from dechirp.processing.simd_vectors import POINT, WIDTH
 
 # With fewer velocities most of a vector would be empty.
 _FEWEST_VELOCITIES = 8
