@@ -61,11 +61,12 @@ def cursor_at_followed_detection(
     Without detections, the strongest cell. Echoes of similar strength take turns as the strongest,
     so the cursor would jump between them.
     """
+    velocity_m_per_s, range_m = _axis_labels(power)
     rows, columns = slice(None), slice(None)
     if detections.sizes["detection"]:
         variables = detections.variables
-        snr, range_m, velocity = (variables[n].values for n in ("snr", "range", "velocity"))
-        places = range_doppler_map_position(RangeVelocity(range_m, velocity), radar)
+        snr, *estimates = (variables[name].values for name in ("snr", "range", "velocity"))
+        places = range_doppler_map_position(RangeVelocity(*estimates), radar)
 
         def cell_of_detection(index: int) -> tuple[int, int]:
             return nearest_cell_indices(power, Cursor(*(float(place[index]) for place in places)))
@@ -75,7 +76,7 @@ def cursor_at_followed_detection(
             last = nearest_cell_indices(power, previous)
             is_candidate = (snr >= _FOLLOWED_SNR * snr.max()) & (
                 abs(places.range_m - previous.range_m)
-                <= (_FOLLOWED_CELLS + 1) * uniform_cell_width(power.range.values)
+                <= (_FOLLOWED_CELLS + 1) * uniform_cell_width(range_m)
             )
             for index in np.flatnonzero(is_candidate)[np.argsort(-snr[is_candidate])]:
                 cell = cell_of_detection(int(index))
@@ -87,19 +88,25 @@ def cursor_at_followed_detection(
     neighbourhood = power.values[rows, columns]
     row_offset, column_offset = divmod(int(neighbourhood.argmax()), neighbourhood.shape[1])
     return Cursor(
-        range_m=float(power.range.values[columns][column_offset]),
-        velocity_m_per_s=float(power.velocity.values[rows][row_offset]),
+        range_m=float(range_m[columns][column_offset]),
+        velocity_m_per_s=float(velocity_m_per_s[rows][row_offset]),
     )
 
 
 def nearest_cell_indices(power: xr.DataArray, cursor: Cursor) -> tuple[int, int]:
     """Return the nearest cell (velocity, range); velocities alias, and one chirp has none."""
-    velocity, range_m = power.velocity.values, power.range.values
+    velocity, range_m = _axis_labels(power)
     column = int(abs(range_m - cursor.range_m).argmin())
     if velocity.size == 1 or not np.isfinite(cursor.velocity_m_per_s):
         return velocity.size // 2, column
     step = (velocity[-1] - velocity[0]) / (velocity.size - 1)
     return round((cursor.velocity_m_per_s - velocity[0]) / step) % velocity.size, column
+
+
+def _axis_labels(power: xr.DataArray) -> tuple[np.ndarray, np.ndarray]:
+    """Return velocities and ranges; `power.range` takes 35 us instead of 3, ten times a frame."""
+    variables = power.coords.variables
+    return variables["velocity"].values, variables["range"].values
 
 
 def power_and_threshold_cuts(
