@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 
 from dechirp.core.detection_columns import TABLE, standard_error_column
+from dechirp.core.unknown_values import zero_where_unknown
 from dechirp.radar.radar import Radar
 from dechirp.radar.resolution_cells import to_resolution_cells
 from dechirp.radar.velocity_ambiguity import (
@@ -143,7 +144,7 @@ def _velocity_spans_to_add(
     """
     sizes = np.diff(cluster_starts, append=weight.size)
     label = np.repeat(np.arange(cluster_starts.size), sizes)
-    doppler = np.nan_to_num(detection_cells.cells[:, 1])
+    doppler = zero_where_unknown(detection_cells.cells[:, 1])
     is_known = np.isfinite(member_columns["ambiguity_number"])
     is_ambiguous = detection_cells.n_spans < UNAMBIGUOUS
     added = np.where(is_ambiguous, np.rint((doppler[strongest][label] - doppler) / n_chirps), 0.0)
@@ -159,7 +160,7 @@ def _weighted_mean_and_error(
     weight = np.where(np.isnan(values), 0.0, weight)
     total = np.bincount(label, weight)
     total = np.where(total > 0, total, np.nan)
-    mean = np.bincount(label, weight * np.nan_to_num(values)) / total
+    mean = np.bincount(label, weight * zero_where_unknown(values)) / total
     variance = np.bincount(label, np.where(weight > 0, weight * error, 0.0) ** 2)
     return mean, np.sqrt(variance) / total
 

@@ -36,6 +36,7 @@ import scipy
 
 from dechirp.core.display import format_count_with_noun
 from dechirp.core.findings import Finding
+from dechirp.core.unknown_values import zero_where_unknown
 from dechirp.processing.angle.aperture import Aperture, radar_aperture
 from dechirp.processing.angle.base import Directions
 from dechirp.processing.angle.second_source_test import linearise_sources, stack_real_and_imaginary
@@ -164,7 +165,7 @@ def _flatten_wavefronts(
     aperture: Aperture,
 ) -> np.ndarray:
     """Remove the phases of curvature but for the part that is fitted as another direction."""
-    azimuth, elevation = (np.nan_to_num(angle) for angle in angles)
+    azimuth, elevation = (zero_where_unknown(angle) for angle in angles)
     slopes = _phase_slopes(azimuth, elevation, aperture)
     phase = (curvature_rad - curvature_rad.mean(axis=1, keepdims=True))[:, :, None]
     fitted = slopes.swapaxes(1, 2) @ (_inverse_gram(slopes) @ (slopes @ phase))
@@ -184,7 +185,7 @@ def _fit_plane_waves(
     aperture: Aperture,
 ) -> _PlaneWaveResiduals:
     """Return the residuals of snapshots (n, n_elements) at angles (n,) each, NaN as 0."""
-    azimuth, elevation = (np.nan_to_num(angle) for angle in angles)
+    azimuth, elevation = (zero_where_unknown(angle) for angle in angles)
     relative = snapshots * aperture.steering_vectors(azimuth, elevation).conj()
     amplitude = relative.mean(axis=1)
     relative = relative / amplitude[:, None] - 1

@@ -7,6 +7,7 @@ import numpy as np
 
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.units import SPEED_OF_LIGHT
+from dechirp.core.unknown_values import zero_where_unknown
 from dechirp.processing.angle.aperture import Aperture, FieldOfView, radar_aperture
 from dechirp.processing.angle.base import DirectionEstimator, Directions
 from dechirp.processing.channel_errors import ChannelErrors, estimate_channel_errors
@@ -174,7 +175,7 @@ def directions_from_phase_centre(
     is_row = known_direction_mask(ambiguity_number, radar.frame) & (range_m > moments.size_m)
     if not resolved.size or not is_row.any():
         return azimuth_rad, elevation_rad
-    known = np.nan_to_num(angles)
+    known = zero_where_unknown(angles)
     unit = unit_vectors(known[:, 0], known[:, 1])
     slopes = unit_vector_derivatives(known[:, 0], known[:, 1])[:, resolved]
     squares = (unit[:, :, None] * unit[:, None, :]).reshape(-1, 9)
@@ -283,7 +284,7 @@ def _mask_of_ranges_beyond_centre_offset(range_m: np.ndarray, centre_m: np.ndarr
 def _unit_vectors_with_nan_as_zero(
     azimuth_rad: np.ndarray, elevation_rad: np.ndarray
 ) -> np.ndarray:
-    return unit_vectors(np.nan_to_num(azimuth_rad), np.nan_to_num(elevation_rad))
+    return unit_vectors(zero_where_unknown(azimuth_rad), zero_where_unknown(elevation_rad))
 
 
 def known_direction_mask(ambiguity_number: np.ndarray, frame: Frame) -> np.ndarray:
@@ -383,7 +384,8 @@ def _standard_error_factors(
     if not rows.size:
         return factors[0], factors[1]
     angles = [
-        np.nan_to_num(angle[rows]) for angle in (directions.azimuth_rad, directions.elevation_rad)
+        zero_where_unknown(angle[rows])
+        for angle in (directions.azimuth_rad, directions.elevation_rad)
     ]
     steering = aperture.steering_vectors(*angles)[..., None, :]
     slopes = aperture.steering_derivatives(*angles)
@@ -413,7 +415,8 @@ def _residual_sidelobe_power(
     the fitted amplitude, and do not explain a residual.
     """
     azimuth, elevation = (
-        np.nan_to_num(angle[:, 0]) for angle in (directions.azimuth_rad, directions.elevation_rad)
+        zero_where_unknown(angle[:, 0])
+        for angle in (directions.azimuth_rad, directions.elevation_rad)
     )
     fitted = np.concatenate(
         [

@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
+from dechirp.core.unknown_values import zero_where_unknown
 from dechirp.radar.radar import Radar
 
 
@@ -24,11 +25,10 @@ def to_resolution_cells(
     frame, chirp = radar.frame, radar.frame.chirp
     velocity = np.asarray(velocity_m_per_s, dtype=float)
     beat_hz, doppler_hz = chirp.echo_frequencies_hz(
-        np.asarray(range_m, dtype=float), np.where(np.isnan(velocity), 0.0, velocity)
+        np.asarray(range_m, dtype=float), zero_where_unknown(velocity)
     )
     elevation = np.asarray(elevation_rad, dtype=float)
-    # np.nan_to_num would take 27 us more.
-    cos_elevation = np.cos(np.where(np.isnan(elevation), 0.0, elevation))
+    cos_elevation = np.cos(zero_where_unknown(elevation))
     aperture_wavelengths = np.ptp(radar.array.virtual_positions_m, axis=0)[1:] / chirp.wavelength_m
     return np.stack(
         [

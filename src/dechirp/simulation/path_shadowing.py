@@ -63,12 +63,11 @@ def _shadow_group(
     positions_m = group.scatterers.path_m[0] @ rotation
     wavelength_m = radar.frame.chirp.wavelength_m
     tx_m, rx_m = group.transmission.tx_m, group.transmission.rx_m
+    up = up_vector_in_radar_axes(scene)
     tx_mirrors, rx_mirrors = (
         [
             Mirror(mirror.normal @ rotation, mirror.offset_m)
-            for mirror in infer_mirrors_from_image(
-                np.array(nominal_m[0]), antennas_m[0], up_vector_in_radar_axes(scene)
-            )
+            for mirror in infer_mirrors_from_image(np.array(nominal_m[0]), antennas_m[0], up)
         ]
         for nominal_m, antennas_m in ((radar.array.tx_m, tx_m), (radar.array.rx_m, rx_m))
     )

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from dechirp.core.unknown_values import zero_where_unknown
 from dechirp.processing.angle.aperture import FieldOfView
 from dechirp.processing.direction_finding import can_resolve_directions, checked_direction_aperture
 from dechirp.processing.estimates import principal_doppler_hz, range_velocity_estimates
@@ -73,7 +74,8 @@ def _resolve_by_slots(
             tones.amplitude, frame, doppler_hz, responses, noise
         )
     doppler_hz = (
-        doppler_hz + np.nan_to_num(hypotheses.certain_ambiguity_numbers_or_nan) / frame.repetition_s
+        doppler_hz
+        + zero_where_unknown(hypotheses.certain_ambiguity_numbers_or_nan) / frame.repetition_s
     )
     return ResolvedPeaks(map_peaks._replace(tones=tones), doppler_hz, hypotheses)
 
@@ -115,7 +117,7 @@ def resolve_across_frames(frames: Sequence[FramePeaks], frame: Frame) -> Iterato
     probabilities = by_frame_intervals.ambiguity_probabilities(estimates, frame)
     for frame_peaks, resolved, hypotheses in zip(frames, at_principal, probabilities, strict=True):
         own_frame = frame_peaks.radar.frame
-        number = np.nan_to_num(hypotheses.certain_ambiguity_numbers_or_nan)
+        number = zero_where_unknown(hypotheses.certain_ambiguity_numbers_or_nan)
         unambiguous = _with_other_doppler(
             resolved, resolved.doppler_hz + number / own_frame.repetition_s, own_frame
         )
