@@ -74,20 +74,18 @@ def build_live_page(
     panels = [kind(session) for kind in _PANELS]
     parts: list[View | Panel] = [*views, *panels]
     session.on_frame += [
-        _limit_call_rate(session, view.show_frame, view.min_interval_s)
+        _call_every_nth_step(session, view.show_frame, view.frames_per_update)
         for view in views
-        if view.min_interval_s < SLOW_INTERVAL_S
+        if view.frames_per_update is not None
     ]
     # All at the same frames: else texts and tables of one screen would count different frames.
     slow: list[Callable[[FrameState], object]] = [
-        *(view.show_frame for view in views if view.min_interval_s == SLOW_INTERVAL_S),
+        *(view.show_frame for view in views if view.frames_per_update is None),
         *(view.update_caption for view in views),
         *(panel.show_frame_number for panel in panels),
         lambda _: update_status(),
     ]
-    session.on_frame.append(
-        _limit_call_rate(session, lambda frame: [show(frame) for show in slow], SLOW_INTERVAL_S)
-    )
+    session.on_frame.append(_limit_call_rate(session, lambda frame: [show(frame) for show in slow]))
     session.on_wait.append(partial(update_status, is_waiting=True))
     # A frame that fails sends no frame state.
     session.on_mistakes.append(lambda mistakes: update_status() if mistakes else None)
@@ -145,10 +143,22 @@ def _update_frame_status(
     )
 
 
-def _limit_call_rate(
-    session: Session, show: Callable[[FrameState], object], min_interval_s: float
+def _call_every_nth_step(
+    session: Session, show: Callable[[FrameState], object], n: int
 ) -> Callable[[FrameState], None]:
-    """Wrap a callback so that it runs at most once per interval, on average, during playback."""
+    """Wrap a callback so that it runs at every n-th step during playback, and else at each."""
+
+    def show_if_due(frame_state: FrameState) -> None:
+        if not session.playing or frame_state.step % n == 0:
+            show(frame_state)
+
+    return show_if_due
+
+
+def _limit_call_rate(
+    session: Session, show: Callable[[FrameState], object]
+) -> Callable[[FrameState], None]:
+    """Wrap a callback so that it runs 5 times a second at most, on average, during playback."""
     due_s = 0.0
 
     def show_if_due(frame_state: FrameState) -> None:
@@ -156,7 +166,7 @@ def _limit_call_rate(
         now_s = perf_counter()
         if not session.playing or now_s >= due_s:
             # Count from the due time; else each call would wait for the next frame after it.
-            due_s = min(max(due_s, now_s - min_interval_s), now_s) + min_interval_s
+            due_s = min(max(due_s, now_s - SLOW_INTERVAL_S), now_s) + SLOW_INTERVAL_S
             show(frame_state)
 
     return show_if_due

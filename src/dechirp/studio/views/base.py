@@ -20,8 +20,8 @@ class View(ABC):
 
     name: ClassVar[str]
     """Name of its position in page.html."""
-    min_interval_s: ClassVar[float] = SLOW_INTERVAL_S
-    """Shortest time between two updates during playback; 0: every frame."""
+    frames_per_update: ClassVar[int | None] = None
+    """Frames from one update to the next during playback; None: at most 5 updates a second."""
 
     def __init__(self, session: Session) -> None:
         self.session = session

@@ -19,7 +19,7 @@ class RangeDopplerView(MapView):
     """Power over velocity and range, with the cursor as a cross."""
 
     name = "range_doppler"
-    min_interval_s = 0.0
+    frames_per_update = 1
 
     def __init__(self, session: Session) -> None:
         super().__init__(session, x=RANGE_LABEL, y=VELOCITY_TILE_LABEL)
