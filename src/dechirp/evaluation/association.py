@@ -310,8 +310,10 @@ def nearest_target_indices(
 
 def _target_cells_of_scene(scene: Scene, time_s: float, radar: Radar) -> _FrameTargets:
     """Return the cells of all visible scatterers at one time."""
-    is_visible = visible_scatterer_mask(scene, time_s, radar)
     motion, positions_m = _scatterer_motion_and_positions_m(scene, np.array([time_s]))
+    # Shadows need them, too: 0.4 ms of 2.2 for a walking person and four points.
+    scene.latest_value("positions", (time_s,), lambda: positions_m[0])
+    is_visible = visible_scatterer_mask(scene, time_s, radar)
     range_m, velocity = alias_range_velocity(
         RangeVelocity(*(values[0, is_visible] for values in motion)), radar
     )
