@@ -15,7 +15,7 @@ from dechirp.core.display import format_count_with_noun
 from dechirp.core.text import EN_DASH, format_std
 from dechirp.evaluation.association import GATE_CELLS, Associator
 from dechirp.radar.resolution_cells import to_resolution_cells
-from dechirp.scene.aliasing import apparent_range_and_velocity
+from dechirp.scene.aliasing import RangeVelocity, alias_range_velocity
 from dechirp.studio.cursor import Cursor
 from dechirp.studio.frame_state import FrameState
 from dechirp.studio.session import Session
@@ -101,7 +101,8 @@ class DetectionsView(View):
         order = detection_order_by_snr(frame_state)
         if truth is None or scenario.radar is None:
             return np.full(order.size, EN_DASH, dtype=object)
-        columns = {str(name): column.values for name, column in frame_state.detections.items()}
+        variables = frame_state.detections.variables
+        columns = {str(name): column.values for name, column in variables.items()}
         associator = Associator(truth, scenario.radar, frame_state.scene)
         target = associator.nearest_target_indices(columns)[order]
         names = np.array([*truth.target.values.tolist(), _NO_TARGET], dtype=object)
@@ -110,11 +111,12 @@ class DetectionsView(View):
 
 def shown_detection_columns(frame_state: FrameState) -> dict[str, np.ndarray]:
     """Return the columns of the detections, strongest first: angles in degrees, SNR in dB."""
-    detections, order = frame_state.detections, detection_order_by_snr(frame_state)
+    # As variables: labelled access to twenty columns takes 0.3 ms.
+    columns, order = frame_state.detections.variables, detection_order_by_snr(frame_state)
     return {
-        key: BY_NAME[key].to_shown_unit(detections[key].values[order])
+        key: BY_NAME[key].to_shown_unit(columns[key].values[order])
         for key in _HEADINGS
-        if key in detections and key in BY_NAME
+        if key in columns and key in BY_NAME
     }
 
 
@@ -123,14 +125,15 @@ def _names_of_targets_aliased_in_range(frame_state: FrameState) -> list[str]:
     truth, radar = frame_state.truth, frame_state.radar
     if truth is None:
         return []
-    apparent = apparent_range_and_velocity(truth, frame_state.radar)
-    at_rest, unknown = np.zeros(truth.sizes["target"]), np.full(truth.sizes["target"], np.nan)
-    true_cells, apparent_cells = (
-        to_resolution_cells(range_m, at_rest, unknown, unknown, radar)[:, 0]
-        for range_m in (truth["range"].values[:, 0], apparent.range_m[:, 0])
-    )
+    range_m, velocity = (truth.variables[name].values.ravel() for name in ("range", "velocity"))
+    apparent_m = alias_range_velocity(RangeVelocity(range_m, velocity), radar).range_m
+    ranges_m = np.stack([range_m, apparent_m])
+    at_rest, unknown = np.zeros(ranges_m.shape), np.full(ranges_m.shape, np.nan)
+    true_cells, apparent_cells = to_resolution_cells(ranges_m, at_rest, unknown, unknown, radar)[
+        ..., 0
+    ]
     is_aliased = abs(apparent_cells - true_cells) > GATE_CELLS
-    return list(truth.target.values[is_aliased].astype(str))
+    return list(truth.variables["target"].values[is_aliased].astype(str))
 
 
 def _detections_title(

@@ -5,7 +5,7 @@ import numpy as np
 from dechirp.core.text import format_number
 from dechirp.report.figures.common import outer_cell_edges
 from dechirp.report.labels import AZIMUTH_LABEL, RANGE_LABEL
-from dechirp.studio.cursor import Cursor
+from dechirp.studio.cursor import Cursor, map_velocities_and_ranges
 from dechirp.studio.frame_state import FrameState
 from dechirp.studio.session import Session
 from dechirp.studio.views.map_markers import (
@@ -69,7 +69,8 @@ class RangeAzimuthView(MapView):
         return Cursor(y, 0.0 if frame_state is None else frame_state.cursor.velocity_m_per_s)
 
     def _clear_map(self, frame_state: FrameState) -> None:
-        self.set_image_extent((90.0, -90.0), outer_cell_edges(frame_state.power.range.values))
+        _, ranges_m = map_velocities_and_ranges(frame_state.power)
+        self.set_image_extent((90.0, -90.0), outer_cell_edges(ranges_m))
         self._colour_bar.visible = False
         self.image.data = {"image": [np.zeros((1, 1), np.uint8)]}
         no_positions = np.empty(0), np.empty(0)

@@ -4,7 +4,7 @@ from dechirp.core.display import format_count_with_noun
 from dechirp.core.text import TIMES_SIGN, format_number
 from dechirp.report.figures.common import outer_cell_edges, uniform_cell_width
 from dechirp.report.labels import RANGE_LABEL
-from dechirp.studio.cursor import Cursor
+from dechirp.studio.cursor import Cursor, map_velocities_and_ranges
 from dechirp.studio.frame_state import FrameState
 from dechirp.studio.session import Session
 from dechirp.studio.views.figure_style import VELOCITY_TILE_LABEL
@@ -26,10 +26,7 @@ class RangeDopplerView(MapView):
         self.add_switch_of_marks()
 
     def show_frame(self, frame_state: FrameState) -> None:
-        range_m, velocity_m_per_s = (
-            frame_state.power.range.values,
-            frame_state.power.velocity.values,
-        )
+        velocity_m_per_s, range_m = map_velocities_and_ranges(frame_state.power)
         self.set_image_extent(outer_cell_edges(range_m), outer_cell_edges(velocity_m_per_s))
         self.draw_power(
             frame_state.power.values, units=str(frame_state.samples.attrs.get("units", ""))
@@ -40,10 +37,7 @@ class RangeDopplerView(MapView):
         self.draw_cursor(*frame_state.cursor)
 
     def update_caption(self, frame_state: FrameState) -> None:
-        range_m, velocity_m_per_s = (
-            frame_state.power.range.values,
-            frame_state.power.velocity.values,
-        )
+        velocity_m_per_s, range_m = map_velocities_and_ranges(frame_state.power)
         n_detections = frame_state.detections.sizes["detection"]
         width_m, width_m_per_s = uniform_cell_width(range_m), uniform_cell_width(velocity_m_per_s)
         cell = f"{format_number(width_m, 2)} m {TIMES_SIGN} {format_number(width_m_per_s, 2)} m/s"

@@ -22,7 +22,7 @@ from dechirp.scene.rotations import from_local_axes, to_local_axes
 from dechirp.scene.scene import Scene
 from dechirp.scene.scene import Scene as Targets
 from dechirp.studio.browser_events import register_position_callback
-from dechirp.studio.cursor import Cursor
+from dechirp.studio.cursor import Cursor, map_velocities_and_ranges
 from dechirp.studio.frame_state import FrameState
 from dechirp.studio.session import Session
 from dechirp.studio.theme import Theme
@@ -185,11 +185,11 @@ class SceneView(View):
 
     def _fit_range_to_targets(self, frame_state: FrameState) -> None:
         """Fit all targets and detections into the figure; keep it until more space is needed."""
-        ranges_m = frame_state.detections.range.values
+        ranges_m = frame_state.detections.variables["range"].values
         if frame_state.truth is not None:
             ranges_m = np.hypot(*self._positions.positions_m.T)
         farthest_m = float(ranges_m.max(initial=0.0))
-        span_m = float(frame_state.power.range[-1])
+        span_m = float(map_velocities_and_ranges(frame_state.power)[1][-1])
         fitted = span_m, frame_state.chain.field_of_view.azimuth_rad
         fits = fitted == self._fitted and farthest_m <= self.top_view.max_range_m
         if fits or self._dragged is not None:

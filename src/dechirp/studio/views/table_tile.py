@@ -14,7 +14,7 @@ from bokeh.models import Div, InlineStyleSheet, UIElement
 from dechirp.core.text import format_fixed
 from dechirp.report.figures.common import uniform_cell_width
 from dechirp.scene.aliasing import RangeVelocity
-from dechirp.studio.cursor import Cursor
+from dechirp.studio.cursor import Cursor, map_velocities_and_ranges
 from dechirp.studio.frame_state import FrameState
 
 MAX_ROWS = 50
@@ -157,13 +157,11 @@ class TableTile:
 
 def row_at_cursor(positions: RangeVelocity, frame_state: FrameState) -> int | None:
     """Return the index of the position nearest to the cursor within a cell, else None."""
+    velocities, ranges_m = map_velocities_and_ranges(frame_state.power)
     distances = [
         abs(position - cursor_position) / uniform_cell_width(cells)
         for cells, position, cursor_position in zip(
-            (frame_state.power.range.values, frame_state.power.velocity.values),
-            positions,
-            frame_state.cursor,
-            strict=True,
+            (ranges_m, velocities), positions, frame_state.cursor, strict=True
         )
     ]
     farthest = np.fmax(*distances)  # one chirp gives no velocity
