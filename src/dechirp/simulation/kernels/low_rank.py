@@ -28,13 +28,16 @@ from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.simulation.kernels import direct
 from dechirp.simulation.kernels.base import Scatterers, Transmission
 from dechirp.simulation.kernels.chebyshev import economised_monomials_and_rms_errors
+from dechirp.simulation.kernels.simd import VECTOR_BYTES, WIDTH, set_sums_of_complex_products
 
 # Chirps whose ranges are expanded together, scatterers whose tables are held together (in L2 for a
 # thousand samples), largest number of terms of a polynomial, and of its Taylor series.
 _CHIRP_BATCH, _SCATTERER_BATCH, _MAX_TERMS, _ORDERS = 128, 16, 6, 8
-# Tile of chirps and samples whose sums stay in L1. Indices into flat arrays are unsigned and
-# offsets added up outside of loops: else the compiler does not vectorise them, 6 times slower.
-_ROWS, _TILE = 8, 256
+# Coefficients of a term: those of rows after the last chirp are multiplied, too.
+_PADDED_BATCH = _CHIRP_BATCH + WIDTH - 1
+# Samples of a tile whose sums, of eight chirps, stay in L1. Indices into flat arrays are unsigned
+# and offsets added up outside of loops: else the compiler does not vectorise them, 6 times slower.
+_TILE = 256
 # Scatterers from which the share left to the direct kernel is estimated.
 _COST_SAMPLE = 16
 # Times in ns per sample: for each term and row; of a table, and for each of its terms; of the
@@ -97,7 +100,7 @@ def _add_suitable_and_mark_others(
     left_out = np.zeros(n, np.bool_)
     flat, batch_transmission = _unify_array_types(scatterers, transmission)
     precision = out.real.dtype
-    sums = _empty_with_aligned_start(_ROWS * 2 * _TILE, precision)
+    sums = _empty_with_aligned_start(WIDTH * 2 * _TILE, precision)
     tables = _empty_with_aligned_start(
         min(_SCATTERER_BATCH, n) * _MAX_TERMS * 2 * _round_up_to_tiles(out.shape[2]), precision
     )
@@ -175,11 +178,12 @@ def _add_scatterer_batches(
     ramp = _ramp_and_window_parameters(transmission, n_samples)
     slot_transmitters, slot_positions_m = _slot_transmitters_and_positions(transmission)
     times_s = transmission.starts_s + ramp[2]
-    local, echo = np.empty((9, _CHIRP_BATCH)), np.empty((7, _CHIRP_BATCH))
+    local, echo = np.empty((9, _CHIRP_BATCH)), np.empty((6, _CHIRP_BATCH))
     outbound, inbound = (
         np.empty((len(slot_positions_m), 6, _CHIRP_BATCH)),
         np.empty((n_rx, 6, _CHIRP_BATCH)),
     )
+    sent = np.empty((len(slot_positions_m), 2, _CHIRP_BATCH))
     n_levels = _count_power_of_two_block_counts(n_chirps)
     order, bends = np.empty(_SCATTERER_BATCH, np.int64), np.empty(_SCATTERER_BATCH)
     lows, highs = (
@@ -191,8 +195,7 @@ def _add_scatterer_batches(
         np.empty((_SCATTERER_BATCH, n_levels)),
     )
     max_coefficients = min(_SCATTERER_BATCH, n_scatterers) * _MAX_TERMS
-    # One more chirp, since the last of an odd number is multiplied together with zeros.
-    coefficients = np.zeros(max_coefficients * 2 * n_rx * (_CHIRP_BATCH + 1), tables.dtype)
+    coefficients = np.zeros(max_coefficients * 2 * n_rx * _PADDED_BATCH, tables.dtype)
     powers = np.empty((_ORDERS, 2, _CHIRP_BATCH), tables.dtype)
     direct_ns = _DIRECT_NS * n_rx * n_chirps * len(slot_positions_m) * n_samples
     for first in range(0, n_scatterers, _SCATTERER_BATCH):
@@ -247,15 +250,13 @@ def _add_scatterer_batches(
                 outbound,
                 inbound,
             )
+            _fill_sent_amplitudes(scatterers, i, transmission.weights, slot_transmitters, sent)
             for path in range(n_rx * len(slot_positions_m)):
                 k, s = path // len(slot_positions_m), path % len(slot_positions_m)
                 _expand_phases_and_amplitudes(n_chirps, outbound, s, inbound, k, ramp, echo)
-                _apply_amplitude_and_weights(
-                    scatterers, i, transmission.weights, slot_transmitters, s, k, echo
-                )
                 _add_transmitter_to_coefficients(
-                    n_chirps, echo, lows[index], bends[index], n_terms_needed[index, level], powers,
-                    coefficients, n_terms, n_rx, k, s == 0,
+                    n_chirps, echo, sent[s], scatterers.rx_gains[k, i], lows[index], bends[index],
+                    n_terms_needed[index, level], powers, coefficients, n_terms, n_rx, k, s == 0,
                 )  # fmt: skip
             n_terms += n_terms_needed[index, level]
         for start in range(0, n_chirps, length):
@@ -283,7 +284,7 @@ def _fraction_cheaper_direct(
     ramp = _ramp_and_window_parameters(transmission, n_samples)
     _, slot_positions_m = _slot_transmitters_and_positions(transmission)
     times_s = transmission.starts_s + ramp[2]
-    local, echo = np.empty((9, _CHIRP_BATCH)), np.empty((7, _CHIRP_BATCH))
+    local, echo = np.empty((9, _CHIRP_BATCH)), np.empty((6, _CHIRP_BATCH))
     outbound, inbound = (
         np.empty((len(slot_positions_m), 6, _CHIRP_BATCH)),
         np.empty((n_rx, 6, _CHIRP_BATCH)),
@@ -383,30 +384,24 @@ def _cheapest_block_count_level_and_cost(
 
 
 @_compiled
-def _apply_amplitude_and_weights(
+def _fill_sent_amplitudes(
     scatterers: Scatterers,
     scatterer: int,
     weights: np.ndarray,
     slot_transmitters: np.ndarray,
-    slot: int,
-    rx: int,
-    echo: np.ndarray,
+    amplitudes: np.ndarray,
 ) -> None:
-    """Multiply the spreading by amplitude and weight: rows 5 and 6 of `echo`."""
-    fixed, factors = (
-        scatterers.amplitudes[scatterer] * scatterers.rx_gains[rx, scatterer],
-        scatterers.chirp_factors,
-    )
+    """Fill amplitudes times weight and gain of the transmitter of each slot, (slot, 2, chirp)."""
+    factors = scatterers.chirp_factors
     assert factors is not None  # `_add_suitable_and_mark_others` makes ones of none
     varied = len(factors) > 1
-    for m in range(len(weights)):
-        j = slot_transmitters[slot, m]
-        weight = 0j
-        if j >= 0:
-            weight = weights[m, j] * scatterers.tx_gains[j, scatterer]
-        size = fixed * factors[m if varied else 0, scatterer] * echo[5, m]
-        echo[5, m] = size * weight.real
-        echo[6, m] = size * weight.imag
+    for s in range(len(amplitudes)):
+        for m in range(len(weights)):
+            j = slot_transmitters[s, m]
+            size = scatterers.amplitudes[scatterer] * factors[m if varied else 0, scatterer]
+            weight = weights[m, j] * scatterers.tx_gains[j, scatterer] if j >= 0 else 0j
+            amplitudes[s, 0, m] = size * weight.real
+            amplitudes[s, 1, m] = size * weight.imag
 
 
 @_compiled
@@ -658,6 +653,8 @@ def _replace_linear_phase_by_block_middle(
 def _add_transmitter_to_coefficients(
     n_chirps: int,
     echo_series: np.ndarray,
+    sent: np.ndarray,
+    rx_gain: float,
     middle_c1: np.ndarray,
     middle_c2: float,
     n_terms: int,
@@ -671,8 +668,9 @@ def _add_transmitter_to_coefficients(
     """Add one transmitter's share to the coefficients of the echo in each chirp on receiver k."""
     for m in range(n_chirps):
         real, imag = cosine_and_sine(echo_series[0, m])
-        powers[0, 0, m] = real * echo_series[5, m] - imag * echo_series[6, m]
-        powers[0, 1, m] = real * echo_series[6, m] + imag * echo_series[5, m]
+        size = rx_gain * echo_series[5, m]
+        powers[0, 0, m] = size * (real * sent[0, m] - imag * sent[1, m])
+        powers[0, 1, m] = size * (real * sent[1, m] + imag * sent[0, m])
         echo_series[1, m] = 2 * np.pi * (echo_series[1, m] - middle_c1[m])
         echo_series[2, m] = 4 * np.pi * (echo_series[2, m] - middle_c2)
         echo_series[4, m] *= 2
@@ -694,7 +692,7 @@ def _add_transmitter_to_coefficients(
                 powers[q, 1, m] += imag
     for term in range(n_terms):
         for part in range(2):
-            row = np.uint64((((first_term + term) * 2 + part) * n_rx + rx) * (_CHIRP_BATCH + 1))
+            row = np.uint64((((first_term + term) * 2 + part) * n_rx + rx) * _PADDED_BATCH)
             if overwrite:
                 for m in range(np.uint64(n_chirps)):
                     coefficients[row + m] = 0
@@ -743,134 +741,19 @@ def _add_coefficients_times_tables(
 ) -> None:
     """Add the product of coefficients and tables to some chirps of `out`."""
     _, n_rx, n_samples = out.shape
-    pitch, stride = n_rx * (_CHIRP_BATCH + 1), _round_up_to_tiles(n_samples)
+    pitch, stride = n_rx * _PADDED_BATCH, _round_up_to_tiles(n_samples)
     for k in range(n_rx):
-        for m0 in range(first_chirp, stop_chirp, _ROWS):
-            m1 = min(m0 + _ROWS, stop_chirp)
+        for m0 in range(first_chirp, stop_chirp, WIDTH):
             for x0 in range(0, n_samples, _TILE):
-                for x in range(np.uint64(2 * _TILE * (m1 - m0 + (m1 - m0) % 2))):
-                    sums[x] = 0
-                term = 0
-                while term < n_terms:
-                    table_index = 2 * term * stride + x0
-                    coefficient_index = 2 * term * pitch + k * (_CHIRP_BATCH + 1)
-                    odd = (n_terms - term) % 2 == 1
-                    for m in range(m0, m1, 2):
-                        row = 2 * (m - m0) * _TILE
-                        if odd:
-                            _add_three_terms_to_two_chirps(
-                                sums,
-                                row,
-                                tables,
-                                table_index,
-                                stride,
-                                coefficients,
-                                coefficient_index + m,
-                                pitch,
-                            )
-                        else:
-                            _add_two_terms_to_two_chirps(
-                                sums,
-                                row,
-                                tables,
-                                table_index,
-                                stride,
-                                coefficients,
-                                coefficient_index + m,
-                                pitch,
-                            )
-                    term += 3 if odd else 2
+                for x in range(0, _TILE, VECTOR_BYTES // sums.itemsize):
+                    set_sums_of_complex_products(
+                        sums, x, _TILE, coefficients, k * _PADDED_BATCH + m0, pitch,
+                        tables, x0 + x, stride, n_terms,
+                    )  # fmt: skip
                 n, first = np.uint64(min(_TILE, n_samples - x0)), np.uint64(x0)
-                for m in range(m0, m1):
+                for m in range(m0, min(m0 + WIDTH, stop_chirp)):
                     chirp, antenna = np.uint64(m), np.uint64(k)
                     real = np.uint64(2 * (m - m0) * _TILE)
-                    imag = real + _1
+                    imag = real + np.uint64(_TILE)
                     for x in range(n):
                         out[chirp, antenna, first + x] += complex(sums[real + x], sums[imag + x])
-
-
-_1, _2, _3 = (np.uint64(i * _TILE) for i in range(1, 4))
-
-
-@_compiled
-def _add_three_terms_to_two_chirps(
-    sums: np.ndarray,
-    row: int,
-    tables: np.ndarray,
-    table_index: int,
-    stride: int,
-    coefficients: np.ndarray,
-    coefficient_index: int,
-    pitch: int,
-) -> None:
-    """Add three terms to a tile of two chirps: each loaded table is used twice."""
-    a0, b0 = coefficients[coefficient_index], coefficients[coefficient_index + pitch]
-    a1, b1 = (
-        coefficients[coefficient_index + 2 * pitch],
-        coefficients[coefficient_index + 3 * pitch],
-    )
-    a2, b2 = (
-        coefficients[coefficient_index + 4 * pitch],
-        coefficients[coefficient_index + 5 * pitch],
-    )
-    coefficient_index += 1
-    c0, d0 = coefficients[coefficient_index], coefficients[coefficient_index + pitch]
-    c1, d1 = (
-        coefficients[coefficient_index + 2 * pitch],
-        coefficients[coefficient_index + 3 * pitch],
-    )
-    c2, d2 = (
-        coefficients[coefficient_index + 4 * pitch],
-        coefficients[coefficient_index + 5 * pitch],
-    )
-    p, s = np.uint64(row), np.uint64(stride)
-    q0 = np.uint64(table_index)
-    q1 = q0 + s
-    q2 = q1 + s
-    q3 = q2 + s
-    q4 = q3 + s
-    q5 = q4 + s
-    for x in range(np.uint64(_TILE)):
-        t0, u0 = tables[q0 + x], tables[q1 + x]
-        t1, u1 = tables[q2 + x], tables[q3 + x]
-        t2, u2 = tables[q4 + x], tables[q5 + x]
-        sums[p + x] += a0 * t0 - b0 * u0 + a1 * t1 - b1 * u1 + a2 * t2 - b2 * u2
-        sums[p + _1 + x] += a0 * u0 + b0 * t0 + a1 * u1 + b1 * t1 + a2 * u2 + b2 * t2
-        sums[p + _2 + x] += c0 * t0 - d0 * u0 + c1 * t1 - d1 * u1 + c2 * t2 - d2 * u2
-        sums[p + _3 + x] += c0 * u0 + d0 * t0 + c1 * u1 + d1 * t1 + c2 * u2 + d2 * t2
-
-
-@_compiled
-def _add_two_terms_to_two_chirps(
-    sums: np.ndarray,
-    row: int,
-    tables: np.ndarray,
-    table_index: int,
-    stride: int,
-    coefficients: np.ndarray,
-    coefficient_index: int,
-    pitch: int,
-) -> None:
-    a0, b0 = coefficients[coefficient_index], coefficients[coefficient_index + pitch]
-    a1, b1 = (
-        coefficients[coefficient_index + 2 * pitch],
-        coefficients[coefficient_index + 3 * pitch],
-    )
-    coefficient_index += 1
-    c0, d0 = coefficients[coefficient_index], coefficients[coefficient_index + pitch]
-    c1, d1 = (
-        coefficients[coefficient_index + 2 * pitch],
-        coefficients[coefficient_index + 3 * pitch],
-    )
-    p, s = np.uint64(row), np.uint64(stride)
-    q0 = np.uint64(table_index)
-    q1 = q0 + s
-    q2 = q1 + s
-    q3 = q2 + s
-    for x in range(np.uint64(_TILE)):
-        t0, u0 = tables[q0 + x], tables[q1 + x]
-        t1, u1 = tables[q2 + x], tables[q3 + x]
-        sums[p + x] += a0 * t0 - b0 * u0 + a1 * t1 - b1 * u1
-        sums[p + _1 + x] += a0 * u0 + b0 * t0 + a1 * u1 + b1 * t1
-        sums[p + _2 + x] += c0 * t0 - d0 * u0 + c1 * t1 - d1 * u1
-        sums[p + _3 + x] += c0 * u0 + d0 * t0 + c1 * u1 + d1 * t1

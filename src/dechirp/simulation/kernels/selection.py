@@ -21,7 +21,7 @@ from dechirp.core.errors import InvalidSetting
 from dechirp.core.threads import run_in_threads, split_range, thread_count
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.simulation.engine import MIN_TOLERANCE, Engine
-from dechirp.simulation.kernels import direct, low_rank
+from dechirp.simulation.kernels import direct
 from dechirp.simulation.kernels.base import Scatterers, Transmission
 
 Kernel = Literal["direct", "low-rank", "nufft"]
@@ -76,6 +76,8 @@ def predict_kernel_times(
     )
     if predicted.cheapest_kernel != "low-rank" or not is_compiled:
         return predicted
+    from dechirp.simulation.kernels import low_rank
+
     share = low_rank.estimate_fraction_cheaper_direct(
         scatterers, transmission, n_samples, tolerance=tolerance
     )
@@ -157,6 +159,7 @@ def _add_by_suitable_kernel(
     if kernel == "direct":
         _add_by_direct_kernel(out, scatterers, transmission, "held", None)
     elif kernel == "low-rank":
+        from dechirp.simulation.kernels import low_rank
 
         def sum_rows(rows: slice) -> None:
             low_rank.add_echoes(

@@ -1,19 +1,21 @@
 """Vector instructions for small blocks: eight complex numbers, or sixteen floats, at once.
 
 The compiler vectorises such loops, but first checks whether the arrays overlap, which takes as long
-as the additions. These functions are explicit vectors, which every processor can execute, wide or
-narrow. All arrays are flat and float32; positions count floats.
+as the additions, and keeps no sums in registers. These functions are explicit vectors, which every
+processor can execute, wide or narrow. All arrays are flat; positions count numbers.
 """
 
 from collections.abc import Callable
 from typing import Any
 
 from llvmlite import ir
-from numba.core import types
+from numba.core import cgutils, types
 from numba.extending import intrinsic
 
 WIDTH = 8
 """Complex numbers of a vector, rows of a patch, and grid points of a tone."""
+VECTOR_BYTES = 64
+"""Size of a vector: sixteen floats, or eight doubles."""
 
 _VECTOR = ir.VectorType(ir.FloatType(), 2 * WIDTH)
 _FLOATS, _INTEGER = types.Array(types.float32, 1, "C"), types.int64
@@ -114,3 +116,70 @@ set_weighted_sum = _make_weighted_row_sum()
 """Set 2 WIDTH floats of the first array, from a position on, to the weighted sum of WIDTH rows
 of a grid that are `stride` floats apart; the weights have as many rows, from the same position
 on."""
+
+
+def _make_complex_product_sum() -> Callable[..., None]:
+    @intrinsic
+    def add(context, sums, at, pitch, factors, first, factor_pitch, tables, start, table_pitch, n):  # type: ignore[no-untyped-def] # noqa: ANN001
+        number = sums.dtype
+        n_lanes = 8 * VECTOR_BYTES // number.bitwidth
+
+        def code(context, builder, signature, values):  # type: ignore[no-untyped-def] # noqa: ANN001
+            kinds = signature.args
+            vector_type = ir.VectorType(context.get_value_type(number), n_lanes)
+            undefined = ir.Constant(vector_type, ir.Undefined)
+            zeros = ir.Constant(vector_type, [0.0] * n_lanes)
+            first_lane = ir.Constant(ir.VectorType(ir.IntType(32), n_lanes), [0] * n_lanes)
+
+            def point(array: int) -> Any:
+                return _array_element_pointer(
+                    context, builder, kinds[array], values[array], values[array + 1]
+                )
+
+            def load(place: Any) -> Any:
+                vector = builder.bitcast(place, vector_type.as_pointer())
+                return builder.load(vector, align=number.bitwidth // 8)
+
+            def repeat(place: Any) -> Any:
+                zero = ir.Constant(ir.IntType(32), 0)
+                single = builder.insert_element(undefined, builder.load(place), zero)
+                return builder.shuffle_vector(single, undefined, first_lane)
+
+            def add_product(total: Any, a: Any, b: Any) -> None:
+                builder.store(_multiply_add(builder, builder.load(total), a, b), total)
+
+            # These places are registers in the compiled code.
+            totals = [cgutils.alloca_once(builder, vector_type) for _ in range(2 * WIDTH)]  # type: ignore[no-untyped-call]
+            for total in totals:
+                builder.store(zeros, total)
+            with cgutils.for_range(builder, values[9]) as term:
+                row = builder.add(term.index, term.index)
+                table = builder.gep(point(6), [builder.mul(row, values[8])])
+                real, imag = load(table), load(builder.gep(table, [values[8]]))
+                minus_imag = builder.fneg(imag)
+                factor = builder.gep(point(3), [builder.mul(row, values[5])])
+                for m in range(WIDTH):
+                    a, b = repeat(factor), repeat(builder.gep(factor, [values[5]]))
+                    add_product(totals[2 * m], a, real)
+                    add_product(totals[2 * m], b, minus_imag)
+                    add_product(totals[2 * m + 1], a, imag)
+                    add_product(totals[2 * m + 1], b, real)
+                    factor = builder.gep(factor, [ir.Constant(ir.IntType(64), 1)])
+            place = point(0)
+            for total in totals:
+                vector = builder.bitcast(place, vector_type.as_pointer())
+                builder.store(builder.load(total), vector, align=number.bitwidth // 8)
+                place = builder.gep(place, [values[2]])
+            return context.get_dummy_value()
+
+        arrays = [(array, _INTEGER, _INTEGER) for array in (sums, factors, tables)]
+        return types.void(*arrays[0], *arrays[1], *arrays[2], _INTEGER), code
+
+    return add
+
+
+set_sums_of_complex_products = _make_complex_product_sum()
+"""Set WIDTH vectors, each the sum of `n` complex factors times vectors of a table, float32 or
+float64. Three arrays with a position and a pitch each: sums, factors and tables. Real and imaginary
+parts alternate, a pitch apart: of the WIDTH sums, of terms of the table, and of factors, of which
+those of the WIDTH sums are adjacent. The sums stay in registers over all terms."""
