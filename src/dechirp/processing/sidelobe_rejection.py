@@ -19,6 +19,7 @@ import numpy as np
 from dechirp.core.compiled_kernels import kernel
 from dechirp.core.threads import run_in_threads, thread_count
 from dechirp.processing.refine import SidelobeErrors, Tones
+from dechirp.processing.tone_block_sums import sum_chirps_times_cosines_and_sines
 from dechirp.processing.windowed_tones import (
     N_COMPONENTS,
     WindowedAxis,
@@ -350,28 +351,18 @@ def _sum_over_chirps(
     per_sample = n_numbers // n_samples
     out = np.empty((n_channels, n_samples), np.complex128)
     cosines, sines = np.empty(n_chirps, np.float32), np.empty(n_chirps, np.float32)
-    by_cosine, by_sine = np.empty(n_numbers, np.float32), np.empty(n_numbers, np.float32)
     for part in range(edges.size - 1):
         first, stop = edges[part], edges[part + 1]
         walk = slow * growth * (first + stop - n_samples) / 2
         for m in range(n_chirps):
             phase = slow * m + walk * (m + 0.5 - n_chirps / 2)
             cosines[m], sines[m] = weights[m] * np.cos(phase), -weights[m] * np.sin(phase)
-        n_block = (stop - first) * per_sample
+        by_cosine = np.empty((stop - first) * per_sample, np.float32)
+        by_sine = np.empty_like(by_cosine)
         for k in range(n_channels):
-            by_cosine[:n_block] = 0.0
-            by_sine[:n_block] = 0.0
-            for m in range(0, n_chirps - 1, 2):
-                block = numbers[m, k, first * per_sample : stop * per_sample]
-                following = numbers[m + 1, k, first * per_sample : stop * per_sample]
-                for i in range(n_block):
-                    by_cosine[i] += cosines[m] * block[i] + cosines[m + 1] * following[i]
-                    by_sine[i] += sines[m] * block[i] + sines[m + 1] * following[i]
-            if n_chirps % 2:
-                block = numbers[-1, k, first * per_sample : stop * per_sample]
-                for i in range(n_block):
-                    by_cosine[i] += cosines[-1] * block[i]
-                    by_sine[i] += sines[-1] * block[i]
+            sum_chirps_times_cosines_and_sines(
+                numbers, k, first * per_sample, 0, n_chirps, cosines, sines, by_cosine, by_sine
+            )
             for n in range(stop - first):
                 if per_sample == 2:
                     out[k, first + n] = complex(
