@@ -30,7 +30,7 @@ from markupsafe import Markup
 import dechirp as dc
 from dechirp.cli import compilation_notice
 from dechirp.core import compiled_kernels
-from nightly import NIGHTLY
+from nightly import NIGHTLY, nightly
 from radars import street_radar
 
 # The same examples in every run; slow machines are not failures.
@@ -45,8 +45,47 @@ compiled_kernels.MAX_PLAIN_SAMPLES = 0
 compilation_notice.MIN_NOTED_S = float("inf")
 
 
+N_LONG_TESTS = pytest.StashKey[int]()
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Deselect long tests: the skips of 2,500 tests would take 10 s of both workers."""
+    if NIGHTLY:
+        return
+    long_tests = [item for item in items if nightly.mark in item.iter_markers("skipif")]
+    deselected = set(long_tests)
+    items[:] = [item for item in items if item not in deselected]
+    config.hook.pytest_deselected(items=long_tests)
+    config.stash[N_LONG_TESTS] = len(long_tests)
+
+
 def pytest_collection_finish() -> None:
     gc.freeze()  # later collections do not traverse ten thousand tests
+
+
+def pytest_report_to_serializable(report: pytest.CollectReport | pytest.TestReport) -> None:
+    """Send no keywords with passed tests: nothing reads them, and they are half of a report."""
+    if report.passed:
+        report.keywords = {}
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    if hasattr(session.config, "workeroutput"):
+        session.config.workeroutput["n_long_tests"] = session.config.stash.get(N_LONG_TESTS, 0)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node) -> None:
+    """Take the number of long tests from a worker, as each worker collects all tests."""
+    n_long_tests = getattr(node, "workeroutput", {}).get("n_long_tests", 0)
+    node.config.stash[N_LONG_TESTS] = n_long_tests
+
+
+def pytest_terminal_summary(
+    terminalreporter: pytest.TerminalReporter, config: pytest.Config
+) -> None:
+    if n_long_tests := config.stash.get(N_LONG_TESTS, 0):
+        terminalreporter.write_line(f"{n_long_tests} {nightly.kwargs['reason']}")
 
 
 def pytest_unconfigure() -> None:

@@ -6,7 +6,7 @@ from collections.abc import Container, Iterable
 import pytest
 
 NIGHTLY = bool(os.environ.get("DECHIRP_NIGHTLY"))
-nightly = pytest.mark.skipif(not NIGHTLY, reason="long: runs with DECHIRP_NIGHTLY=1")
+nightly = pytest.mark.skipif(not NIGHTLY, reason="long tests: run with DECHIRP_NIGHTLY=1")
 
 _PARAMETERS = type(pytest.param())
 
