@@ -5,6 +5,9 @@ import os
 import shutil
 import sys
 import tempfile
+from collections.abc import Iterator
+from functools import lru_cache
+from types import SimpleNamespace
 
 # Python's 700 would collect the garbage of a worker a thousand times before its first test: 3 s.
 gc.set_threshold(20_000)
@@ -26,9 +29,13 @@ import pytest
 import xarray as xr
 from hypothesis import settings
 from markupsafe import Markup
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
+from ruamel.yaml.events import Event
 
 import dechirp as dc
 from dechirp.cli import compilation_notice
+from dechirp.config import yaml_tree
 from dechirp.core import compiled_kernels
 from nightly import NIGHTLY, nightly
 from radars import street_radar
@@ -43,6 +50,25 @@ settings.load_profile("fixed")
 compiled_kernels.MAX_PLAIN_SAMPLES = 0
 # The first run after an installation compiles, and its commands print no more than the others.
 compilation_notice.MIN_NOTED_S = float("inf")
+
+
+@lru_cache(4096)
+def list_yaml_events(text: str) -> tuple[Event, ...]:
+    return tuple(YAML(typ="safe", pure=True).parse(text))
+
+
+def parse_yaml_events(text: str) -> Iterator[Event]:
+    """Return the events of a text, which the trees of all tests read and never change."""
+    if len(text) < 10_000:
+        try:
+            return iter(list_yaml_events(text))
+        except (YAMLError, ValueError, OverflowError):
+            pass  # raised again below, where the reader of the events comes to the mistake
+    return YAML(typ="safe", pure=True).parse(text)
+
+
+# Two of three texts are those of earlier tests, and the pure parser takes 0.1 ms a line.
+yaml_tree.YAML = lambda **_: SimpleNamespace(parse=parse_yaml_events)  # type: ignore[assignment]
 
 
 N_LONG_TESTS = pytest.StashKey[int]()
