@@ -6,7 +6,9 @@ import shutil
 import sys
 import tempfile
 from collections.abc import Iterator
-from functools import lru_cache
+from functools import cache, lru_cache
+from importlib.metadata import EntryPoints, entry_points
+from pkgutil import ModuleInfo, iter_modules
 from types import SimpleNamespace
 
 # Python's 700 would collect the garbage of a worker a thousand times before its first test: 3 s.
@@ -36,7 +38,7 @@ from ruamel.yaml.events import Event
 import dechirp as dc
 from dechirp.cli import compilation_notice
 from dechirp.config import yaml_tree
-from dechirp.core import compiled_kernels
+from dechirp.core import compiled_kernels, families
 from nightly import NIGHTLY, nightly
 from radars import street_radar
 
@@ -69,6 +71,24 @@ def parse_yaml_events(text: str) -> Iterator[Event]:
 
 # Two of three texts are those of earlier tests, and the pure parser takes 0.1 ms a line.
 yaml_tree.YAML = lambda **_: SimpleNamespace(parse=parse_yaml_events)  # type: ignore[assignment]
+
+
+@cache
+def select_entry_points(group: str) -> EntryPoints:
+    return entry_points(group=group)
+
+
+@cache
+def list_modules(path: tuple[str, ...], prefix: str) -> tuple[ModuleInfo, ...]:
+    return tuple(iter_modules(path, prefix))
+
+
+# The families list their members ten thousand times, 0.5 ms of which are these two lists. No test
+# adds a file or a package to its own process.
+families._entry_points = lambda: SimpleNamespace(select=select_entry_points)
+families.pkgutil = SimpleNamespace(  # type: ignore[assignment]
+    iter_modules=lambda path, prefix: list_modules(tuple(path), prefix)
+)
 
 
 N_LONG_TESTS = pytest.StashKey[int]()
