@@ -3,8 +3,9 @@
 import ast
 import re
 from collections.abc import Iterator
+from pathlib import Path
 
-from test_layers import FILES, ROOT_FILES, walk_file
+from test_layers import FILES, ROOT_FILES, find_nodes
 
 # A participle or a preposition alone names no value: `kept_rows` does, `kept` does not.
 VAGUE_NAME = re.compile(
@@ -21,15 +22,15 @@ RELATIVE_CLAUSE = re.compile(
 DEFINITIONS = ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef
 
 
-def iter_nodes() -> Iterator[tuple[str, ast.AST]]:
+def iter_nodes(*types: type[ast.AST]) -> Iterator[tuple[Path, ast.AST]]:
     for path in [*FILES, *ROOT_FILES]:
-        for node in walk_file(path):
-            yield f"{path}:{getattr(node, 'lineno', 1)}", node
+        for node in find_nodes(path, *types):
+            yield path, node
 
 
 def test_names_say_what_they_contain():
     vague, vague_definitions, n_names = [], [], 0
-    for place, node in iter_nodes():
+    for path, node in iter_nodes(*DEFINITIONS.__args__, ast.arg, ast.Name):
         if isinstance(node, DEFINITIONS):
             name = node.name
         elif isinstance(node, ast.arg):
@@ -40,8 +41,8 @@ def test_names_say_what_they_contain():
             continue
         n_names += 1
         if VAGUE_NAME.fullmatch(name):
-            vague.append(f"{place} {name}")
-            vague_definitions += [f"{place} {name}"] if isinstance(node, DEFINITIONS) else []
+            vague.append(f"{path}:{node.lineno} {name}")
+            vague_definitions += vague[-1:] if isinstance(node, DEFINITIONS) else []
 
     assert vague_definitions == []
     assert len(vague) <= MAX_VAGUE_NAMES_PER_1000 * n_names / 1000, vague
@@ -49,11 +50,9 @@ def test_names_say_what_they_contain():
 
 def test_docstrings_open_with_verb_or_noun_phrase():
     unclear = [
-        f"{place} {docstring.splitlines()[0]}"
-        for place, node in iter_nodes()
-        if isinstance(node, ast.Module | DEFINITIONS)
-        and (docstring := ast.get_docstring(node)) is not None
-        and RELATIVE_CLAUSE.match(docstring)
+        f"{path}:{getattr(node, 'lineno', 1)} {docstring.splitlines()[0]}"
+        for path, node in iter_nodes(ast.Module, *DEFINITIONS.__args__)
+        if (docstring := ast.get_docstring(node)) is not None and RELATIVE_CLAUSE.match(docstring)
     ]
 
     assert unclear == []

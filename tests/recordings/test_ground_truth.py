@@ -7,6 +7,7 @@ import json
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -75,11 +76,15 @@ def check_ghost_exceeds_echoes(folder: Path) -> None:
     assert 10 * math.log10(float(ghost.max() / echoes.max())) == pytest.approx(16, abs=1.5)
 
 
-def check_people_ranges(folder: Path) -> None:
+@cache
+def detect_people(folder: Path) -> xr.Dataset:
     recording = open_real_recording(folder, "RadarIfxAvian_00")
     detections = detect(recording.cube, recording.radar)
+    return select_moving(detections, recording.radar.frame.velocity_resolution_m_per_s, snr=1000)
 
-    people = select_moving(detections, recording.radar.frame.velocity_resolution_m_per_s, snr=1000)
+
+def check_people_ranges(folder: Path) -> None:
+    people = detect_people(folder)
 
     assert people.sizes["detection"] > 10
     assert float(people.range.min()) > 0.4
@@ -87,12 +92,7 @@ def check_people_ranges(folder: Path) -> None:
 
 
 def check_people_speeds(folder: Path) -> None:
-    recording = open_real_recording(folder, "RadarIfxAvian_00")
-    detections = detect(recording.cube, recording.radar)
-
-    people = select_moving(detections, recording.radar.frame.velocity_resolution_m_per_s, snr=1000)
-
-    assert float(abs(people.velocity).max()) < 2.5
+    assert float(abs(detect_people(folder).velocity).max()) < 2.5
 
 
 def check_two_reflectors(folder: Path) -> None:
@@ -167,9 +167,14 @@ def check_walker_ranges(folder: Path) -> None:
     assert outbound_ranges_m == sorted(outbound_ranges_m)
 
 
-def check_approaching_person(folder: Path) -> None:
+@cache
+def detect_person(folder: Path) -> tuple[Recording, xr.Dataset]:
     recording = open_real_recording(folder, "simple_frame_1.npy")
-    detections = detect(recording.cube, recording.radar)
+    return recording, detect(recording.cube, recording.radar)
+
+
+def check_approaching_person(folder: Path) -> None:
+    recording, detections = detect_person(folder)
 
     walker = select_moving(
         detections, 2 * recording.radar.frame.velocity_resolution_m_per_s, snr=10
@@ -180,8 +185,8 @@ def check_approaching_person(folder: Path) -> None:
 
 
 def check_far_reflector(folder: Path) -> None:
-    recording = open_real_recording(folder, "simple_frame_1.npy")
-    detections = detect(recording.cube, recording.radar).sortby("snr", ascending=False)
+    _, detections = detect_person(folder)
+    detections = detections.sortby("snr", ascending=False)
 
     # Strongest detection beyond the antenna coupling, which occupies the first bins.
     strongest = detections.isel(detection=np.flatnonzero(detections.range > 0.2)[0])
