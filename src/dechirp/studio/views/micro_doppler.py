@@ -28,14 +28,16 @@ class MicroDopplerView(MapView):
         times.formatter = BasicTickFormatter(use_scientific=False)  # 5.000e-4 would be longer
 
     def show_frame(self, frame_state: FrameState) -> None:
-        power = frame_state.micro_doppler.transpose("velocity", "time")
-        time_s, velocity_m_per_s = power.time.values, power.velocity.values
+        micro_doppler = frame_state.micro_doppler
+        variables = micro_doppler.coords.variables  # labelled access takes 35 µs
+        time_s, velocity_m_per_s = variables["time"].values, variables["velocity"].values
+        power = micro_doppler.variable.transpose("velocity", "time").values
         self.set_image_extent(
             _time_axis_limits_s(time_s, frame_state), outer_cell_edges(velocity_m_per_s)
         )
-        self.draw_power(power.values, units=str(frame_state.samples.attrs.get("units", "")))
+        self.draw_power(power, units=str(frame_state.samples.attrs.get("units", "")))
         self.draw_cursor(None, frame_state.cursor.velocity_m_per_s)
-        now_m_per_s = velocity_m_per_s[int(np.argmax(power.values[:, -1]))]
+        now_m_per_s = velocity_m_per_s[int(np.argmax(power[:, -1]))]
         where = (
             "each about its strongest"
             if self.session.cursor is None
