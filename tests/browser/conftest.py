@@ -14,6 +14,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
+from dechirp.cli.main import main
 from dechirp.config.loading import parse_settings
 from dechirp.experiments.scenario import Scenario, load
 
@@ -66,15 +67,9 @@ def folder(tmp_path_factory) -> Path:
     recordings = tmp_path_factory.mktemp("recordings")
     scenario = recordings / "street.yaml"
     shutil.copyfile(Path(__file__).parent / "street.yaml", scenario)
-    call = [
-        sys.executable,
-        "-m",
-        "dechirp",
-        "convert",
-        str(scenario),
-        str(recordings / "street.npz"),
-    ]
-    subprocess.run([*call, "--quiet"], check=True)
+    with pytest.raises(SystemExit) as end:
+        main(["convert", str(scenario), str(recordings / "street.npz"), "--quiet"])
+    assert end.value.code == 0
     return recordings
 
 
