@@ -50,6 +50,12 @@ Object.defineProperty(window.HTMLStyleElement.prototype, "textContent", {
   set(css) { if (css !== textContent.get.call(this)) textContent.set.call(this, css); },
 });
 
+// Those of drawn marks and lines change with their data, but their elements show nothing. Unhidden,
+// they would make the browser compute its styles and its layout again, eight times a frame.
+window.Bokeh.Models.GlyphRenderer.prototype.default_view.prototype.update_position = function () {
+  this.position.replace(":host { display: none; }");
+};
+
 // When a text changes, Bokeh rebuilds its widget with style sheets and layout; the text is enough.
 window.Bokeh.Models.Div.prototype.default_view.prototype.rerender = function () {
   const { text, render_as_text } = this.model;
