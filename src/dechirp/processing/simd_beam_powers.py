@@ -13,7 +13,7 @@ from numba.core import cgutils, types
 from numba.extending import intrinsic
 
 from dechirp.core.compiled_kernels import IN_CALLER, kernel
-from dechirp.processing.simd_vectors import (
+from dechirp.core.simd_vectors import (
     FLOATS,
     INTEGER,
     POINT,
@@ -23,6 +23,7 @@ from dechirp.processing.simd_vectors import (
     element_pointer,
     int64_constant,
     load_vector,
+    multiply_add,
     store_vector,
 )
 
@@ -35,10 +36,6 @@ _INTEGERS = types.Array(types.int64, 1, "C")
 _FLAGS = ["contract"]
 
 
-def _multiply_add(builder: Any, total: Any, a: Any, b: Any) -> Any:
-    return builder.fadd(total, builder.fmul(a, b, flags=_FLAGS), flags=_FLAGS)
-
-
 def _allocate_sums(builder: Any, n: int) -> list[Any]:
     """Return pointers to vectors of zeros, which the compiler keeps in registers."""
     with builder.goto_entry_block():  # else they stay in memory
@@ -49,7 +46,7 @@ def _allocate_sums(builder: Any, n: int) -> list[Any]:
 
 
 def _add_product(builder: Any, total: Any, a: Any, b: Any) -> None:
-    builder.store(_multiply_add(builder, builder.load(total), a, b), total)
+    builder.store(multiply_add(builder, builder.load(total), a, b), total)
 
 
 def _build_rotated_sum() -> Callable[..., None]:
@@ -134,7 +131,7 @@ def _build_beam_powers_of_group() -> Callable[..., None]:
                     row = builder.load(builder.gep(rows, [int64_constant(i)]))
                     target = builder.gep(powers, [row])
                     square = builder.fmul(real, real, flags=_FLAGS)
-                    power = _multiply_add(builder, square, imag, imag)
+                    power = multiply_add(builder, square, imag, imag)
                     old = load_vector(builder, target)
                     is_larger = builder.fcmp_ordered(">", power, old)
                     store_vector(builder, builder.select(is_larger, power, old), target)

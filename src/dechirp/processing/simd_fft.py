@@ -19,7 +19,7 @@ from numba.core import types
 from numba.extending import intrinsic
 
 from dechirp.core.compiled_kernels import kernel
-from dechirp.processing.simd_vectors import (
+from dechirp.core.simd_vectors import (
     FLOATS,
     INTEGER,
     POINT,

@@ -13,6 +13,7 @@ import numpy as np
 
 from dechirp.core.buffers import scratch_complex64_array
 from dechirp.core.compiled_kernels import IN_CALLER, kernel
+from dechirp.core.simd_vectors import POINT, WIDTH
 from dechirp.core.threads import run_in_threads, split_range
 from dechirp.processing.simd_fft import (
     add_powers,
@@ -23,7 +24,6 @@ from dechirp.processing.simd_fft import (
     set_powers,
     store_transposed,
 )
-from dechirp.processing.simd_vectors import POINT, WIDTH
 
 # With fewer velocities most of a vector would be empty.
 _FEWEST_VELOCITIES = 8

@@ -12,40 +12,29 @@ from llvmlite import ir
 from numba.core import cgutils, types
 from numba.extending import intrinsic
 
+from dechirp.core.simd_vectors import (
+    FLOATS,
+    INTEGER,
+    VECTOR,
+    element_pointer,
+    load_vector,
+    multiply_add,
+    store_vector,
+)
+
 WIDTH = 8
 """Complex numbers of a vector, rows of a patch, and grid points of a tone."""
 VECTOR_BYTES = 64
 """Size of a vector: sixteen floats, or eight doubles."""
 
-_VECTOR = ir.VectorType(ir.FloatType(), 2 * WIDTH)
-_FLOATS, _INTEGER = types.Array(types.float32, 1, "C"), types.int64
-
-
-def _array_element_pointer(
-    context: Any, builder: Any, array_type: Any, array: Any, index: Any
-) -> Any:
-    return builder.gep(context.make_array(array_type)(context, builder, array).data, [index])
-
-
-def _load_vector(builder: Any, pointer: Any) -> Any:
-    return builder.load(builder.bitcast(pointer, _VECTOR.as_pointer()), align=4)
-
-
-def _store_vector(builder: Any, vector: Any, pointer: Any) -> None:
-    builder.store(vector, builder.bitcast(pointer, _VECTOR.as_pointer()), align=4)
-
 
 def _vector_of_repeated_numbers(builder: Any, *numbers: Any) -> Any:
     """Return a vector of one repeated number, or of several in turn."""
-    vector = ir.Constant(_VECTOR, ir.Undefined)
+    vector = ir.Constant(VECTOR, ir.Undefined)
     for i in range(2 * WIDTH):
         place = ir.Constant(ir.IntType(32), i)
         vector = builder.insert_element(vector, numbers[i % len(numbers)], place)
     return vector
-
-
-def _multiply_add(builder: Any, total: Any, a: Any, b: Any) -> Any:
-    return builder.fadd(total, builder.fmul(a, b, flags=["contract"]), flags=["contract"])
 
 
 def _make_weighted_row_adder(n_rows: int) -> Callable[..., None]:
@@ -53,19 +42,17 @@ def _make_weighted_row_adder(n_rows: int) -> Callable[..., None]:
     def add(context, grid, first, stride, rows, line, real, imag):  # type: ignore[no-untyped-def] # noqa: ANN001
         def code(context, builder, signature, values):  # type: ignore[no-untyped-def] # noqa: ANN001
             zero = ir.Constant(ir.IntType(64), 0)
-            points = _array_element_pointer(
-                context, builder, signature.args[0], values[0], values[1]
-            )
-            weights = _array_element_pointer(context, builder, signature.args[3], values[3], zero)
-            taps = _array_element_pointer(context, builder, signature.args[4], values[4], zero)
+            points = element_pointer(context, builder, signature.args[0], values[0], values[1])
+            weights = element_pointer(context, builder, signature.args[3], values[3], zero)
+            taps = element_pointer(context, builder, signature.args[4], values[4], zero)
             both = _vector_of_repeated_numbers(builder, values[5], values[6])
-            scaled = builder.fmul(_load_vector(builder, taps), both)
+            scaled = builder.fmul(load_vector(builder, taps), both)
             for b in range(n_rows):
                 weight = builder.load(builder.gep(weights, [ir.Constant(ir.IntType(64), 2 * b)]))
                 row = _vector_of_repeated_numbers(builder, weight)
-                _store_vector(
+                store_vector(
                     builder,
-                    _multiply_add(builder, _load_vector(builder, points), row, scaled),
+                    multiply_add(builder, load_vector(builder, points), row, scaled),
                     points,
                 )
                 points = builder.gep(points, [values[2]])
@@ -73,7 +60,7 @@ def _make_weighted_row_adder(n_rows: int) -> Callable[..., None]:
 
         number = types.float32
         return (
-            types.void(_FLOATS, _INTEGER, _INTEGER, _FLOATS, _FLOATS, number, number),
+            types.void(FLOATS, INTEGER, INTEGER, FLOATS, FLOATS, number, number),
             code,
         )
 
@@ -91,23 +78,23 @@ def _make_weighted_row_sum() -> Callable[..., None]:
     def add(context, out, at, grid, first, stride, weights, weights_stride):  # type: ignore[no-untyped-def] # noqa: ANN001
         def code(context, builder, signature, values):  # type: ignore[no-untyped-def] # noqa: ANN001
             kinds = signature.args
-            points = _array_element_pointer(context, builder, kinds[2], values[2], values[3])
-            taps = _array_element_pointer(context, builder, kinds[5], values[5], values[1])
-            total = builder.fmul(_load_vector(builder, points), _load_vector(builder, taps))
+            points = element_pointer(context, builder, kinds[2], values[2], values[3])
+            taps = element_pointer(context, builder, kinds[5], values[5], values[1])
+            total = builder.fmul(load_vector(builder, points), load_vector(builder, taps))
             for _ in range(WIDTH - 1):
                 points = builder.gep(points, [values[4]])
                 taps = builder.gep(taps, [values[6]])
-                total = _multiply_add(
-                    builder, total, _load_vector(builder, points), _load_vector(builder, taps)
+                total = multiply_add(
+                    builder, total, load_vector(builder, points), load_vector(builder, taps)
                 )
-            _store_vector(
+            store_vector(
                 builder,
                 total,
-                _array_element_pointer(context, builder, kinds[0], values[0], values[1]),
+                element_pointer(context, builder, kinds[0], values[0], values[1]),
             )
             return context.get_dummy_value()
 
-        return types.void(_FLOATS, _INTEGER, _FLOATS, _INTEGER, _INTEGER, _FLOATS, _INTEGER), code
+        return types.void(FLOATS, INTEGER, FLOATS, INTEGER, INTEGER, FLOATS, INTEGER), code
 
     return add
 
@@ -132,7 +119,7 @@ def _make_complex_product_sum() -> Callable[..., None]:
             first_lane = ir.Constant(ir.VectorType(ir.IntType(32), n_lanes), [0] * n_lanes)
 
             def point(array: int) -> Any:
-                return _array_element_pointer(
+                return element_pointer(
                     context, builder, kinds[array], values[array], values[array + 1]
                 )
 
@@ -146,7 +133,7 @@ def _make_complex_product_sum() -> Callable[..., None]:
                 return builder.shuffle_vector(single, undefined, first_lane)
 
             def add_product(total: Any, a: Any, b: Any) -> None:
-                builder.store(_multiply_add(builder, builder.load(total), a, b), total)
+                builder.store(multiply_add(builder, builder.load(total), a, b), total)
 
             # These places are registers in the compiled code.
             totals = [cgutils.alloca_once(builder, vector_type) for _ in range(2 * WIDTH)]  # type: ignore[no-untyped-call]
@@ -172,8 +159,8 @@ def _make_complex_product_sum() -> Callable[..., None]:
                 place = builder.gep(place, [values[2]])
             return context.get_dummy_value()
 
-        arrays = [(array, _INTEGER, _INTEGER) for array in (sums, factors, tables)]
-        return types.void(*arrays[0], *arrays[1], *arrays[2], _INTEGER), code
+        arrays = [(array, INTEGER, INTEGER) for array in (sums, factors, tables)]
+        return types.void(*arrays[0], *arrays[1], *arrays[2], INTEGER), code
 
     return add
 

@@ -34,6 +34,11 @@ def store_vector(builder: Any, vector: Any, pointer: Any) -> None:
     builder.store(vector, builder.bitcast(pointer, VECTOR.as_pointer()), align=4)
 
 
+def multiply_add(builder: Any, total: Any, a: Any, b: Any) -> Any:
+    """Return total + a b, in one instruction."""
+    return builder.fadd(total, builder.fmul(a, b, flags=["contract"]), flags=["contract"])
+
+
 def int64_constant(number: int) -> Any:
     """Return a constant of 64 bits."""
     return ir.Constant(ir.IntType(64), number)
