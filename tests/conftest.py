@@ -39,7 +39,7 @@ import dechirp as dc
 from dechirp.cli import compilation_notice
 from dechirp.config import yaml_tree
 from dechirp.core import compiled_kernels, families
-from nightly import NIGHTLY, nightly
+from nightly import NIGHTLY, RUN_HINT, nightly
 from radars import street_radar
 
 # The same examples in every run; slow machines are not failures.
@@ -94,15 +94,21 @@ families.pkgutil = SimpleNamespace(  # type: ignore[assignment]
 N_LONG_TESTS = pytest.StashKey[int]()
 
 
+@pytest.hookimpl(trylast=True)  # counts no tests that -k or -m leave out
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Deselect long tests: the skips of 2,500 tests would take 10 s of both workers."""
+    """Deselect long tests: the skips of 2,500 tests would take 10 s of both workers.
+
+    They are skipped instead if the command line names a test, or if no other test remains.
+    """
     if NIGHTLY:
         return
     long_tests = [item for item in items if nightly.mark in item.iter_markers("skipif")]
+    config.stash[N_LONG_TESTS] = len(long_tests)
+    if len(long_tests) == len(items) or any("::" in argument for argument in config.args):
+        return
     deselected = set(long_tests)
     items[:] = [item for item in items if item not in deselected]
     config.hook.pytest_deselected(items=long_tests)
-    config.stash[N_LONG_TESTS] = len(long_tests)
 
 
 def pytest_collection_finish() -> None:
@@ -122,16 +128,17 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_testnodedown(node) -> None:
-    """Take the number of long tests from a worker, as each worker collects all tests."""
+    """Take the number of long tests from any worker that did not crash: each collects all tests."""
     n_long_tests = getattr(node, "workeroutput", {}).get("n_long_tests", 0)
-    node.config.stash[N_LONG_TESTS] = n_long_tests
+    node.config.stash[N_LONG_TESTS] = max(n_long_tests, node.config.stash.get(N_LONG_TESTS, 0))
 
 
 def pytest_terminal_summary(
     terminalreporter: pytest.TerminalReporter, config: pytest.Config
 ) -> None:
     if n_long_tests := config.stash.get(N_LONG_TESTS, 0):
-        terminalreporter.write_line(f"{n_long_tests} {nightly.kwargs['reason']}")
+        tests = "long test" if n_long_tests == 1 else "long tests"
+        terminalreporter.write_line(f"{n_long_tests} {tests} left out: {RUN_HINT}")
 
 
 def pytest_unconfigure() -> None:

@@ -6,7 +6,8 @@ from collections.abc import Container, Iterable
 import pytest
 
 NIGHTLY = bool(os.environ.get("DECHIRP_NIGHTLY"))
-nightly = pytest.mark.skipif(not NIGHTLY, reason="long tests: run with DECHIRP_NIGHTLY=1")
+RUN_HINT = "run with DECHIRP_NIGHTLY=1"
+nightly = pytest.mark.skipif(not NIGHTLY, reason=f"long tests: {RUN_HINT}")
 
 _PARAMETERS = type(pytest.param())
 
