@@ -510,12 +510,18 @@ INTRINSIC_MODULE = """
 from numba.core import types
 from numba.extending import intrinsic
 
+from loops.operation import combine
+
 @intrinsic
 def add_offset(context, x):
     def build(context, builder, signature, values):
-        return builder.add(values[0], context.get_constant(types.int64, {offset}))
+        return combine(builder, values[0], context.get_constant(types.int64, {offset}))
 
     return types.int64(types.int64), build
+"""
+OPERATION_MODULE = """
+def combine(builder, a, b):
+    return builder.{operation}(a, b)
 """
 
 
@@ -534,6 +540,7 @@ def test_changes_in_the_files_that_a_kernel_uses_are_compiled(tmp_path):
         "inner": inner.format(result="add_offset(x) + SCALE * STEPS[0]"),
         "constants": "import numpy as np\nSCALE, STEPS = 1, np.array([1])\n",
         "offset": INTRINSIC_MODULE.format(offset=0),
+        "operation": OPERATION_MODULE.format(operation="add"),
     }
     changes = [
         files,
@@ -542,6 +549,7 @@ def test_changes_in_the_files_that_a_kernel_uses_are_compiled(tmp_path):
         {"constants": "import numpy as np\nSCALE, STEPS = 300, np.array([1])\n"},
         {"constants": "import numpy as np\nSCALE, STEPS = 300, np.array([10])\n"},
         {"offset": INTRINSIC_MODULE.format(offset=40_000)},
+        {"operation": OPERATION_MODULE.format(operation="sub")},
     ]
     script = """
 from loops.outer import outer
@@ -570,6 +578,7 @@ print(outer(1), "loaded" if outer.dispatcher.stats.cache_hits else "compiled")
         "321 compiled",
         "3021 compiled",
         "43021 compiled",
+        "-36979 compiled",
     ]
 
 

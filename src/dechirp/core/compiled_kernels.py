@@ -30,7 +30,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cache, cached_property
 from pathlib import Path
-from types import CodeType, SimpleNamespace
+from types import CodeType, ModuleType, SimpleNamespace
 from typing import Any, Final, Protocol, TypeVar, cast
 
 from dechirp.core.errors import DechirpError, InvalidSetting
@@ -153,7 +153,7 @@ class Kernel:
         Those of the kernels that it calls, at any depth, are included. The stamp is equal in all
         processes, and in a copy of the folder with its cache. Files of other packages are left out,
         since they differ between environments that share a cache. Constants read from a module as
-        its attributes, and files that the file of an intrinsic imports, are not covered.
+        its attributes are not covered, nor what the files that an intrinsic uses import themselves.
         """
         paths, constants = set[str](), dict[tuple[str, str], Any]()
         kernels, remaining = {self}, [self]
@@ -169,8 +169,8 @@ class Kernel:
                         remaining.append(value)
                 elif (constant := _encode_constant(value)) is not None:
                     constants[module, name] = constant
-                elif source := _find_file(value, module.partition(".")[0]):
-                    paths.add(source)
+                else:
+                    paths |= _find_files(value, module.partition(".")[0])
         return (*map(_read_file_stamp, sorted(paths)), *sorted(constants.items()))
 
     @property
@@ -202,11 +202,19 @@ def _encode_constant(value: Any) -> Any:
     return repr(value) if isinstance(value, int | float | complex | str) else None
 
 
-def _find_file(value: Any, package: str) -> str | None:
-    """Return the file of a function or class of a package; None for other values."""
-    module = str(getattr(value, "__module__", ""))
-    is_of_package = module.partition(".")[0] == package
-    return getattr(sys.modules.get(module), "__file__", None) if is_of_package else None
+def _find_files(value: Any, package: str) -> set[str]:
+    """Return the files of a function or class of a package, and of the functions that those use.
+
+    Nothing for other values. An intrinsic is made of functions of other files.
+    """
+    module = _find_module(value, package)
+    modules = {module, *(_find_module(used, package) for used in vars(module or object).values())}
+    return {file for used in modules if (file := getattr(used, "__file__", None)) is not None}
+
+
+def _find_module(value: Any, package: str) -> ModuleType | None:
+    name = str(getattr(value, "__module__", ""))
+    return sys.modules.get(name) if name.partition(".")[0] == package else None
 
 
 def _read_file_stamp(path: str) -> tuple[float, int] | None:
