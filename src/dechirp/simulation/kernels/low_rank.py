@@ -28,7 +28,12 @@ from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.simulation.kernels import direct
 from dechirp.simulation.kernels.base import Scatterers, Transmission
 from dechirp.simulation.kernels.chebyshev import economised_monomials_and_rms_errors
-from dechirp.simulation.kernels.simd import VECTOR_BYTES, WIDTH, set_sums_of_complex_products
+from dechirp.simulation.kernels.simd import (
+    VECTOR_BYTES,
+    WIDTH,
+    set_eight_complex_sums,
+    set_two_complex_sums,
+)
 
 # Chirps whose ranges are expanded together, scatterers whose tables are held together (in L2 for a
 # thousand samples), largest number of terms of a polynomial, and of its Taylor series.
@@ -745,13 +750,22 @@ def _add_coefficients_times_tables(
     for k in range(n_rx):
         for m0 in range(first_chirp, stop_chirp, WIDTH):
             for x0 in range(0, n_samples, _TILE):
+                m1 = min(m0 + WIDTH, stop_chirp)
                 for x in range(0, _TILE, VECTOR_BYTES // sums.itemsize):
-                    set_sums_of_complex_products(
-                        sums, x, _TILE, coefficients, k * _PADDED_BATCH + m0, pitch,
-                        tables, x0 + x, stride, n_terms,
-                    )  # fmt: skip
+                    factor, entry = k * _PADDED_BATCH + m0, x0 + x
+                    if m1 - m0 > WIDTH // 2:
+                        set_eight_complex_sums(
+                            sums, x, _TILE, coefficients, factor, pitch,
+                            tables, entry, stride, n_terms,
+                        )  # fmt: skip
+                    else:
+                        for row in range(0, m1 - m0, 2):
+                            set_two_complex_sums(
+                                sums, 2 * row * _TILE + x, _TILE, coefficients, factor + row, pitch,
+                                tables, entry, stride, n_terms,
+                            )  # fmt: skip
                 n, first = np.uint64(min(_TILE, n_samples - x0)), np.uint64(x0)
-                for m in range(m0, min(m0 + WIDTH, stop_chirp)):
+                for m in range(m0, m1):
                     chirp, antenna = np.uint64(m), np.uint64(k)
                     real = np.uint64(2 * (m - m0) * _TILE)
                     imag = real + np.uint64(_TILE)
