@@ -219,21 +219,33 @@ def test_transforms_in_registers_equal_those_of_scipy(compute):
     assert relative_difference(compiled, plain) < TOLERANCE
 
 
+BEAM_ARRAYS = {
+    "line": [(0, 0.55 * k, 0) for k in range(12)],
+    "plane": [(0, 0.5 * j, 0.8 * k) for j in range(4) for k in range(3)],
+    "with depth": [(0.1 * (k % 2), 0.55 * k, 0) for k in range(12)],
+}
+
+
 @pytest.mark.parametrize("n_ranges", [15, 16, 70, 260])
-def test_beams_in_registers_equal_those_of_numpy(n_ranges):
+@pytest.mark.parametrize("array", BEAM_ARRAYS)
+def test_beams_in_registers_equal_those_of_numpy(array, n_ranges):
     rng = np.random.default_rng(3)
-    aperture = Aperture(np.array([(0, 0.55 * k, 0) for k in range(12)]))
+    aperture = Aperture(np.array(BEAM_ARRAYS[array]))
     pair_sums, weights = mirrored_beam_weights(aperture)
-    assert weights.shape[1] % 4  # the last group of directions is not full
-    spectrum = rng.standard_normal((5, 12, 2, n_ranges), np.float32)
+    assert array != "line" or weights.shape[1] % 4  # the last group of directions is not full
+    pair_sums[5] = 0  # terms without all channels
+    spectrum = rng.standard_normal((5, n_ranges, 12, 2), np.float32).transpose(0, 2, 3, 1)
     compensation = np.exp(2j * np.pi * rng.random((5, 12))).astype(np.complex64)
-    compiled, plain = np.zeros((2, len(aperture.direction_grid.azimuth_rad), n_ranges), np.float32)
+    compiled = np.zeros((len(aperture.direction_grid.azimuth_rad), n_ranges), np.float32)
+    compiled[::2, ::3] = 1.0  # some powers are higher before
+    plain = compiled.copy()
     raise_to_largest_beam_power(compiled, spectrum, compensation, pair_sums, weights)
 
     with plain_twins_for_small_work(0):
         raise_to_largest_beam_power(plain, spectrum, compensation, pair_sums, weights)
 
     assert relative_difference(compiled, plain) < TOLERANCE
+    assert compiled.min() < 0.9 < compiled.max()
 
 
 @nightly

@@ -1,7 +1,6 @@
 """Page sessions: edits, steps, playback and slow browsers."""
 
 import asyncio
-import itertools
 import re
 import threading
 import time
@@ -15,6 +14,7 @@ from bokeh.document import Document
 from bokeh.models import Div
 
 from dechirp.core.compiled_kernels import compilation_listeners, kernel
+from dechirp.core.errors import Mistake
 from dechirp.experiments.scenario import RecordingSource, Scenario, reference
 from dechirp.processing.cfar import base as cfar_base
 from dechirp.studio import page as pages
@@ -365,7 +365,7 @@ def test_compilation_starts_with_server_and_is_counted():
 
 
 def test_texts_and_tables_show_same_frames(monkeypatch):
-    clock = itertools.count(0.0, 0.039)  # each reading takes time, so that separate limits drift
+    now_s = 0.0
     shown_steps = {"table": [], "caption": [], "map": [], "slower map": []}
 
     class Table(View):
@@ -401,24 +401,44 @@ def test_texts_and_tables_show_same_frames(monkeypatch):
     def remember(session: Session) -> None:
         built.append(session)
 
+    def read_clock() -> float:
+        nonlocal now_s
+        now_s += 0.003  # each reading takes time, so that separate limits drift
+        return now_s
+
+    def show_frame_of_step(step: int, period_s: float) -> None:
+        nonlocal now_s
+        now_s += period_s - 3 * 0.003
+        session.frame_state = SimpleNamespace(step=step, number=step, time_s=0.0)
+        for show in session.on_frame:
+            show(session.frame_state)
+
     monkeypatch.setattr(Session, "start", remember)
-    monkeypatch.setattr(pages, "perf_counter", lambda: next(clock))
+    monkeypatch.setattr(pages, "perf_counter", read_clock)
     monkeypatch.setattr(pages, "_VIEWS", (Table, Map, SlowerMap))
     monkeypatch.setattr(pages, "_PANELS", ())
     pages.build_live_page(Document(), worker=None, scenario=reference(), limits=PageLimits())
     (session,) = built
     session.playing = True
     for step in range(100):
-        for show in session.on_frame:
-            show(SimpleNamespace(step=step, number=step, time_s=0.0))
+        show_frame_of_step(step, 0.039)
     assert shown_steps["map"] == list(range(100))
     assert shown_steps["slower map"] == list(range(0, 100, 2))
-    # One reading of the clock a frame: 100 frames of 0.039 s / 0.198 s = 20.
+    # 100 frames of 0.039 s / 0.198 s = 20.
     assert 18 <= len(shown_steps["table"]) <= 22
     for name in ("table", "map", "slower map"):
         captions = [step for shown, step in shown_steps["caption"] if shown == name]
         assert captions == shown_steps["table"]
     session.playing = False
-    for show in session.on_frame:
-        show(SimpleNamespace(step=101, number=101, time_s=0.0))
+    show_frame_of_step(101, 0.039)
     assert {steps[-1] for name, steps in shown_steps.items() if name != "caption"} == {101}
+    session.playing = True
+    for step in range(200, 210):
+        show_frame_of_step(step, 0.25)
+    assert shown_steps["slower map"][-10:] == list(range(200, 210))
+    show_frame_of_step(211, 0.039)
+    assert shown_steps["slower map"][-1] == 209
+    session.stop_and_mark_outdated(
+        Mistake(setting="frame", value="a gap", expected="samples", fix="choose another")
+    )
+    assert shown_steps["slower map"][-1] == 211

@@ -1,7 +1,7 @@
 """Compiled loop of `simd_beamforming`: largest beam powers, with all sums in vector registers.
 
 Sixteen ranges at a time, and four directions with their mirror images: sixteen sums stay in
-registers, and each term is loaded once for eight products.
+registers where a processor has 32 of 64 bytes, and each term is loaded once for eight products.
 """
 
 from collections.abc import Callable

@@ -1,12 +1,13 @@
 """Live page: all views and panels in one document."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from functools import partial
 from time import perf_counter
 
 from bokeh.document import Document
 
+from dechirp.core.errors import Mistake
 from dechirp.experiments.scenario import Scenario
 from dechirp.studio.browser_events import BrowserState, browser_javascript, read_studio_asset_text
 from dechirp.studio.compilation import compilation_counter, compile_in_background
@@ -89,6 +90,7 @@ def build_live_page(
     session.on_wait.append(partial(update_status, is_waiting=True))
     # A frame that fails sends no frame state.
     session.on_mistakes.append(lambda mistakes: update_status() if mistakes else None)
+    session.on_mistakes.append(partial(_show_last_frame_again, session, views))
     # After all other callbacks: everything sent before is then drawn.
     session.on_frame.append(lambda _: browser.update(n_frames_sent=browser.n_frames_sent + 1))
 
@@ -146,13 +148,31 @@ def _update_frame_status(
 def _call_every_nth_step(
     session: Session, show: Callable[[FrameState], object], n: int
 ) -> Callable[[FrameState], None]:
-    """Wrap a callback so that it runs at every n-th step during playback, and else at each."""
+    """Wrap a callback so that it runs at every n-th step during playback, and else at each.
+
+    Where frames take long, it also runs 5 times a second.
+    """
+    shown_s = 0.0
 
     def show_if_due(frame_state: FrameState) -> None:
-        if not session.playing or frame_state.step % n == 0:
+        nonlocal shown_s
+        now_s = perf_counter()
+        is_due = frame_state.step % n == 0 or now_s - shown_s >= SLOW_INTERVAL_S
+        if not session.playing or is_due:
+            shown_s = now_s
             show(frame_state)
 
     return show_if_due
+
+
+def _show_last_frame_again(
+    session: Session, views: Sequence[View], mistakes: tuple[Mistake, ...]
+) -> None:
+    """Show the last frame in maps that playback skips, as a mistake ends it without a new one."""
+    if mistakes and session.frame_state is not None:
+        for view in views:
+            if view.frames_per_update is not None and view.frames_per_update > 1:
+                view.show_frame(session.frame_state)
 
 
 def _limit_call_rate(
