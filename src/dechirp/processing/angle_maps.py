@@ -8,7 +8,7 @@ import xarray as xr
 
 from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import check_integer
-from dechirp.core.conventions import axis_coordinate
+from dechirp.core.conventions import axis_coordinate, labelled_array, labelled_variable
 from dechirp.core.detection_columns import detection_columns_as_floats
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.threads import run_in_threads, split_range, thread_count
@@ -99,7 +99,7 @@ def range_azimuth_map(cube: xr.DataArray, radar: Radar, chain: Chain | None = No
     check_samples_were_finite(spectrum[0, ..., 0])
     n_threads = thread_count()
     parts = split_range(len(spectrum), n_threads)
-    powers = np.zeros((len(parts), *plan.empty_map.shape), np.float32)
+    powers = np.zeros((len(parts), *plan.coordinates.sizes.values()), np.float32)
 
     def add_part(part: int) -> None:
         aligned = _align_and_combine_slots(spectrum[parts[part]], plan.beat_rad, radar)
@@ -108,8 +108,9 @@ def range_azimuth_map(cube: xr.DataArray, radar: Radar, chain: Chain | None = No
         )
 
     run_in_threads(n_threads, add_part, range(len(parts)))
-    power = plan.empty_map.copy(deep=False, data=powers.max(axis=0))
-    return power.assign_attrs(units=_power_unit(cube))
+    attributes = {"long_name": "power", "units": _power_unit(cube)}
+    variable = labelled_variable(("azimuth", "range"), powers.max(axis=0), attributes)
+    return labelled_array(variable, plan.coordinates)
 
 
 class _MapPlan(NamedTuple):
@@ -124,8 +125,8 @@ class _MapPlan(NamedTuple):
     folding: np.ndarray
     weights: np.ndarray
     """This and the two above: see `raise_to_largest_beam_power`."""
-    empty_map: xr.DataArray
-    """Labelled map of zeros."""
+    coordinates: xr.Coordinates
+    """Azimuth and range."""
 
 
 @lru_cache(maxsize=8)  # 0.7 ms of 5
@@ -160,14 +161,11 @@ def _plan_range_azimuth_transforms(radar: Radar, chain: Chain) -> _MapPlan:
         compensation=compensation,
         folding=(decoding @ pair_sums).astype(np.complex64),
         weights=weights,
-        empty_map=xr.DataArray(
-            np.zeros((azimuth_rad.size, range_m.size), np.float32),
-            dims=("azimuth", "range"),
-            coords={
+        coordinates=xr.Coordinates(
+            {
                 "azimuth": axis_coordinate("azimuth", azimuth_rad),
                 "range": axis_coordinate("range", range_m),
-            },
-            attrs={"long_name": "power"},
+            }
         ),
     )
 

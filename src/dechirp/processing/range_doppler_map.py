@@ -11,7 +11,6 @@ from dechirp.core.conventions import (
     axis_coordinate,
     labelled_array,
     labelled_variable,
-    shared_coordinates,
 )
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.memory import check_free_memory
@@ -87,7 +86,7 @@ def _map_axis_coordinates(radar: Radar, chain: Chain) -> xr.Coordinates:
     noise = chain.map_noise_statistics(radar)
     velocity_m_per_s = radar.frame.velocity_bins_m_per_s(noise.doppler_transform.n_bins)
     range_m = radar.frame.chirp.range_bins_m(noise.range_transform.n_bins)
-    return shared_coordinates(
+    return xr.Coordinates(
         {
             "velocity": axis_coordinate("velocity", velocity_m_per_s),
             "range": axis_coordinate("range", range_m),

@@ -12,7 +12,6 @@ from dechirp.core.conventions import (
     chirp_time_coordinate,
     labelled_array,
     labelled_variable,
-    shared_coordinates,
     transmitter_coordinate,
 )
 from dechirp.core.errors import InvalidSetting
@@ -46,7 +45,7 @@ def label_cube(
     attributes = {"units": units, "convention": "beat = Tx x conj(Rx), receding positive"}
     return labelled_array(
         labelled_variable(CUBE_AXES, samples, attributes),
-        shared_coordinates(frame_variables),
+        xr.Coordinates(frame_variables),
         _coordinates_in_frame(frame, *samples.shape[1:]),
         name="cube",
     )
@@ -66,7 +65,7 @@ def _coordinates_in_frame(frame: Frame, n_chirps: int, n_rx: int, n_samples: int
     sample_times_s = chirp.adc_start_s + np.arange(n_samples) / chirp.sample_rate_hz
     variables["rx"] = axis_coordinate("rx", np.arange(n_rx))
     variables["sample"] = axis_coordinate("sample", sample_times_s)
-    return shared_coordinates(variables)
+    return xr.Coordinates(variables)
 
 
 def check_cube_fits_radar(cube: xr.DataArray, radar: Radar) -> None:
