@@ -6,9 +6,7 @@ import shutil
 import sys
 import tempfile
 from collections.abc import Iterator
-from functools import cache, lru_cache
-from importlib.metadata import EntryPoints, entry_points
-from pkgutil import ModuleInfo, iter_modules
+from functools import lru_cache
 from types import SimpleNamespace
 
 # Python's 700 would collect the garbage of a worker a thousand times before its first test: 3 s.
@@ -38,7 +36,7 @@ from ruamel.yaml.events import Event
 import dechirp as dc
 from dechirp.cli import compilation_notice
 from dechirp.config import yaml_tree
-from dechirp.core import compiled_kernels, families
+from dechirp.core import compiled_kernels
 from nightly import NIGHTLY, RUN_HINT, nightly
 from radars import street_radar
 
@@ -73,30 +71,12 @@ def parse_yaml_events(text: str) -> Iterator[Event]:
 yaml_tree.YAML = lambda **_: SimpleNamespace(parse=parse_yaml_events)  # type: ignore[assignment]
 
 
-@cache
-def select_entry_points(group: str) -> EntryPoints:
-    return entry_points(group=group)
-
-
-@cache
-def list_modules(path: tuple[str, ...], prefix: str) -> tuple[ModuleInfo, ...]:
-    return tuple(iter_modules(path, prefix))
-
-
-# The families list their members ten thousand times, 0.5 ms of which are these two lists. No test
-# adds a file or a package to its own process.
-families._entry_points = lambda: SimpleNamespace(select=select_entry_points)
-families.pkgutil = SimpleNamespace(  # type: ignore[assignment]
-    iter_modules=lambda path, prefix: list_modules(tuple(path), prefix)
-)
-
-
 N_LONG_TESTS = pytest.StashKey[int]()
 
 
 @pytest.hookimpl(trylast=True)  # counts no tests that -k or -m leave out
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Deselect long tests: the skips of 2,500 tests would take 10 s of both workers.
+    """Deselect long tests: the skips of 2,500 tests would take 4 s.
 
     They are skipped instead if the command line names a test, or if no other test remains.
     """
@@ -113,12 +93,6 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 def pytest_collection_finish() -> None:
     gc.freeze()  # later collections do not traverse ten thousand tests
-
-
-def pytest_report_to_serializable(report: pytest.CollectReport | pytest.TestReport) -> None:
-    """Send no keywords with passed tests: nothing reads them, and they are half of a report."""
-    if report.passed:
-        report.keywords = {}
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:

@@ -6,8 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from dechirp.core.detection_columns import TABLE, standard_error_column
-from dechirp.core.unknown_values import zero_where_unknown
+from dechirp.core.detection_columns import TABLE, standard_error_column, zero_where_unknown
 from dechirp.radar.radar import Radar
 from dechirp.radar.resolution_cells import to_resolution_cells
 from dechirp.radar.velocity_ambiguity import (

@@ -34,9 +34,9 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
+from dechirp.core.detection_columns import zero_where_unknown
 from dechirp.core.display import format_count_with_noun
 from dechirp.core.findings import Finding
-from dechirp.core.unknown_values import zero_where_unknown
 from dechirp.processing.angle.aperture import Aperture, radar_aperture
 from dechirp.processing.angle.base import Directions
 from dechirp.processing.angle.second_source_test import linearise_sources, stack_real_and_imaginary

@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dechirp.core.detection_columns import zero_where_unknown
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.units import SPEED_OF_LIGHT
-from dechirp.core.unknown_values import zero_where_unknown
 from dechirp.processing.angle.aperture import Aperture, FieldOfView, radar_aperture
 from dechirp.processing.angle.base import DirectionEstimator, Directions
 from dechirp.processing.channel_errors import ChannelErrors, estimate_channel_errors

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dechirp.core.unknown_values import zero_where_unknown
+from dechirp.core.detection_columns import zero_where_unknown
 from dechirp.radar.radar import Radar
 
 

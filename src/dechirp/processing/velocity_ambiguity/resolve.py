@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dechirp.core.unknown_values import zero_where_unknown
+from dechirp.core.detection_columns import zero_where_unknown
 from dechirp.processing.angle.aperture import FieldOfView
 from dechirp.processing.direction_finding import can_resolve_directions, checked_direction_aperture
 from dechirp.processing.estimates import principal_doppler_hz, range_velocity_estimates
