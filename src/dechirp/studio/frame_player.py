@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from time import perf_counter
 
 import numpy as np
 import xarray as xr
@@ -153,7 +152,6 @@ class FramePlayer:
         return frame_state
 
     def _process_frame(self, step: int, cursor: Cursor | None) -> FrameState:
-        started = perf_counter()
         self._take_over_new_detections()
         is_first = self._prepared is None
         if self._prepared is None:
@@ -192,7 +190,6 @@ class FramePlayer:
                 translate_finding_to_page(finding)
                 for finding in (*prepared.findings, *processed.findings)
             ),
-            processing_time_s=perf_counter() - started,
         )
         if is_first:  # compile here, for seconds, not when the page reads it
             _ = state.beat_and_spectrum, state.cuts_through_cursor, state.micro_doppler

@@ -66,8 +66,6 @@ class FrameState:
     findings: tuple[Finding, ...]
     """Findings on the settings or the recording, and on the frames shown so far, in the terms of
     the page."""
-    processing_time_s: float
-    """Processing time of the frame."""
 
     @cached_property
     def azimuth_power(self) -> xr.DataArray | None:
