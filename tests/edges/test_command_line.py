@@ -1296,6 +1296,9 @@ def test_run_measures_vital_signs_unasked_where_there_are_no_chirps(run_cli, fol
         status, out, _ = run_cli("run", source)
         assert (status, "Vital signs" in out) == (0, True)
         assert "note: --vital-signs: chosen because first.csv contains" in out
+        assert ("give the path of another file to read that: second.csv" in out) == (
+            source == "rest"
+        )
         status, out, _ = run_cli("run", source, "--json")
         assert 60 * json.loads(out)["vital_signs"][0]["breathing_rate_hz"] == pytest.approx(
             15, abs=0.1

@@ -126,12 +126,14 @@ def test_missing_library_is_reported_with_its_extra(tmp_path, monkeypatch, forma
 
 
 def test_single_chirps_are_joined_and_their_ambiguity_is_reported(tmp_path):
-    codes = draw_iq(40 * 200 + 20)[0]
+    codes = draw_iq(44 * 200 + 22)[0]
     file = write_wav(tmp_path / "beat.wav", codes)
 
     recording = open_recording(file, radar=make_radar("real", n_chirps=1))
 
     assert recording.radar.frame.n_chirps == 8  # a power of two in 0.3 s
+    text_of_findings = " ".join(finding.value for finding in recording.findings)
+    assert "5 complete frames of 8 chirps, and 4 chirps that are left out" in text_of_findings
     expected = expected_chirps(codes / 32768, recording.radar, recording.n_frames)
     assert np.array_equal(recording.cube.values[:, :, 0], expected.astype(np.float32))
     # lambda / (4 T): 0.1222 m / (4 * 25.05 ms) = 1.22 m/s, less than a person walks.

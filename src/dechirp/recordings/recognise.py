@@ -35,8 +35,6 @@ from dechirp.recordings.settings.read import holds_settings, read_radar
 from dechirp.recordings.slow_time_files import read_slow_time
 
 # Files of a folder that are looked at, to find the recordings among them; each takes 2 to 5 ms.
-# Characters of a fix that the error of a folder repeats: examples of a radar take 300 and more.
-_MAX_QUOTED_FIX_LENGTH = 120
 _MAX_TRIED_FILES = 256
 # Samples of a chirp, or chirps, below which an array with two axes is a table.
 _MIN_CHIRP_VALUES = 8
@@ -442,17 +440,13 @@ def _natural_order(file: Path) -> str:
 
 
 def _command_for_recording(recording: Path, error: DechirpError) -> str:
-    """Return the command for one recording of several, and what it needs beside, if that is short.
-
-    Its own error says the rest.
-    """
+    """Return the command for one recording of several, and what it needs beside."""
     advice = f"give one of them: dechirp run {shlex.quote(str(recording))}"
     if recording.is_dir():
         return advice
     if _slow_time_error(recording) is not None:
         return f"{advice} --vital-signs"
-    fix = error.mistakes[0].fix
-    return f"{advice}; for this one, {fix}" if len(fix) <= _MAX_QUOTED_FIX_LENGTH else advice
+    return f"{advice}; for this one, {error.mistakes[0].fix}"
 
 
 def _is_table(file: Path) -> bool:

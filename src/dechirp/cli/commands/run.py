@@ -135,11 +135,10 @@ def run(
                 with progress_bar("steps", quiet=quiet) as report:
                     result = run_scenario(scenario, kind=kind, progress=report)
             except RecordingError:
-                trace = None if source is None or vital_signs else _read_slow_time(source)
-                if trace is None:
+                if source is None or vital_signs or (trace := _read_slow_time(source)) is None:
                     raise
                 values, file, findings = trace
-                findings = [_chosen_vital_signs_note(file), *findings]
+                findings = [_chosen_vital_signs_note(file, source), *findings]
                 return _print_vital_signs_of_trace(
                     values, file, findings, as_json=as_json, quiet=quiet
                 )
@@ -200,13 +199,7 @@ def _read_slow_time(
     from dechirp.core.findings import capture_warned_findings
     from dechirp.recordings.slow_time_files import read_slow_time
 
-    try:
-        files = sorted(source.iterdir()) if source.is_dir() else [source]
-    except OSError:  # such as a name that is too long: opening as a recording reports it
-        return None
-    for file in files:
-        if not file.is_file() or file.suffix.lower() not in {".csv", ".h5", ".hdf5"}:
-            continue
+    for file in _slow_time_files(source):
         try:
             with capture_warned_findings() as findings:
                 trace = read_slow_time(file)
@@ -217,17 +210,32 @@ def _read_slow_time(
     return None
 
 
-def _chosen_vital_signs_note(file: Path) -> "Finding":
-    from dechirp.core.findings import Finding
+def _slow_time_files(source: Path) -> list[Path]:
+    """Return the files of a folder, or the file itself, that may contain values over time."""
+    try:
+        files = sorted(source.iterdir()) if source.is_dir() else [source]
+        return [
+            file
+            for file in files
+            if file.is_file() and file.suffix.lower() in {".csv", ".h5", ".hdf5"}
+        ]
+    except OSError:  # such as a name that is too long: opening as a recording reports it
+        return []
 
+
+def _chosen_vital_signs_note(file: Path, source: Path) -> "Finding":
+    from dechirp.core.findings import Finding
+    from dechirp.core.text import join_names
+
+    others = [other.name for other in _slow_time_files(source) if other != file]
     return Finding(
         level="note",
         setting="--vital-signs",
         value=f"chosen because {file.name} contains I/Q values of range cells over time, without"
         " chirps",
         expected="chirps, for ranges and velocities",
-        fix="no action needed for breathing and heart rate; of a folder, give the path of another"
-        " file to read that",
+        fix="no action needed for breathing and heart rate"
+        + (f"; give the path of another file to read that: {join_names(others)}" if others else ""),
     )
 
 

@@ -268,7 +268,7 @@ def _missing_axis_names_error(
 
     Once the axes are given, the message about the settings contains an example with its sizes.
     """
-    fix = f"give them, such as --axes {axes} (axes=[...] in Python)"
+    fix = f"give names, such as --axes {axes} (axes=[...] in Python)"
     if needs_radar:
         fix += ", and the radar, as --radar FILE: without it, an example is printed"
     return RecordingError(

@@ -24,6 +24,7 @@ from dechirp.recordings.samples.continuous import (
     chirp_start_offsets,
     chirp_start_samples,
     count_frames_with_pauses,
+    divide_chirps_into_frames,
     join_single_chirps,
     wav_radar_example,
 )
@@ -84,9 +85,10 @@ class ContinuousWav(Format):
         n_frames = count_frames_with_pauses(path, frame, n_samples)
         radar, joined_findings = settings.radar, tuple[Finding, ...]()
         if frame.n_chirps_total == 1 and frame.period_s is None:
-            radar, joined_findings = join_single_chirps(settings.radar, n_chirps=n_frames)
-            frame = radar.frame
-            n_frames = count_frames_with_pauses(path, frame, n_samples)
+            n_chirps = n_frames
+            radar, joined_findings = join_single_chirps(settings.radar, n_chirps)
+            radar, n_frames, frame_findings = divide_chirps_into_frames(path, radar, n_chirps)
+            frame, joined_findings = radar.frame, (*joined_findings, *frame_findings)
         iq = (hints.iq or "iq") if sampling == "complex" else None
 
         def decode(index: int, out: np.ndarray) -> None:

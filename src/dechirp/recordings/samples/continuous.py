@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from dechirp.core.display import format_count_with_noun
 from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding
 from dechirp.core.text import format_number, format_si
@@ -130,8 +131,9 @@ def chirps_left_out_note(n_frames: int, frame: Frame, n_left: int) -> Finding:
     return Finding(
         level="note",
         setting="recording",
-        value=f"{n_frames} complete frames of {frame.n_chirps_total} chirps, and {n_left} chirps"
-        " that are left out",
+        value=f"{format_count_with_noun(n_frames, 'complete frame')} of {frame.n_chirps_total}"
+        f" chirps, and {format_count_with_noun(n_left, 'chirp')}"
+        f" that {'is' if n_left == 1 else 'are'} left out",
         expected="complete frames",
         fix="give another radar.frame.n_chirps to read them",
     )
