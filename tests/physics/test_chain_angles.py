@@ -555,6 +555,8 @@ def test_standard_terminal_shows_motion_before_frame_in_selection(radar, at_most
 
     headings = {column.header for column in table.columns}
     assert headings & {"frame", "Moving"} == {last}
+    left_out = {"Moving": "frame", "frame": "moving"}[last]
+    assert f"not shown in a width of 80 characters: {left_out}" in str(table.title)
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from dechirp.core.detection_columns import (
     standard_error_column,
 )
 from dechirp.core.display import format_count_with_noun
-from dechirp.core.text import EN_DASH, format_fixed, format_with_std
+from dechirp.core.text import EN_DASH, format_fixed, format_with_std, join_names
 from dechirp.evaluation.association import associate_detections
 from dechirp.experiments.run import Result, leakage_in_recording
 from dechirp.report import objects_section
@@ -54,9 +54,12 @@ def strongest_detections_table(result: Result, *, at_most: int, width: int) -> T
         if len(set(columns.get("moving", ()))) == 1:
             del columns["moving"]
     # In a selection from many frames, which echoes move says more than the frame.
+    left_out = []
     for name in ("frame", *_FIRST_DROPPED) if n_shown < n_all else _FIRST_DROPPED:
-        if _table_width(columns) > width:
-            columns.pop(name, None)
+        if _table_width(columns) > width and columns.pop(name, None) is not None:
+            left_out.append(name)
+    if left_out:
+        title += f"; not shown in a width of {width} characters: {join_names(left_out)}"
     if EN_DASH in columns.get("moving", ()):
         title += f"; {EN_DASH} under Moving: the motion is uncertain"
     table = new_table(title, number_columns=[_shown_column_heading(name) for name in columns])
