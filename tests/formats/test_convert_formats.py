@@ -229,7 +229,7 @@ def test_file_pairs_never_mix_two_recordings(tmp_path, monkeypatch, name, second
 @pytest.mark.parametrize(
     ("change", "value"),
     [
-        (lambda cube: cube.values, "a ndarray; expected DataArray"),
+        (lambda cube: cube.values, "an ndarray; expected DataArray"),
         (lambda cube: cube.isel(frame=0), "a DataArray over chirp, rx, sample"),
         (lambda cube: cube.expand_dims("trial"), "over chirp, frame, rx, sample, trial"),
         (lambda cube: cube.isel(frame=slice(0)), "0 frames of"),

@@ -394,5 +394,5 @@ def test_rejects_invalid_detections(radar, rows, setting):
 def test_rejects_wrong_argument_types(radar):
     with pytest.raises(dc.InvalidSetting, match="radar: a Frame"):
         cluster(VALID_DETECTIONS, radar.frame)
-    with pytest.raises(dc.InvalidSetting, match="dbscan: a int"):
+    with pytest.raises(dc.InvalidSetting, match="dbscan: an int"):
         cluster(VALID_DETECTIONS, radar, 3)

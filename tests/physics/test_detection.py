@@ -337,7 +337,7 @@ def test_fit_to_radar_shrinks_default_windows_and_keeps_custom_ones(radar):
 
 def test_rejects_plain_array_and_cube_without_frames(radar):
     cube = dc.simulate(dc.Scene(), radar, seed=8)
-    with pytest.raises(dc.InvalidSetting, match="cube: a ndarray"):
+    with pytest.raises(dc.InvalidSetting, match="cube: an ndarray"):
         dc.detect(cube.values, radar)
     with pytest.raises(dc.InvalidSetting, match="cube: 0 frames"):
         dc.detect(cube.isel(frame=slice(0, 0)), radar)

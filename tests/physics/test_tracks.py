@@ -607,7 +607,7 @@ def test_too_few_frames_are_a_warning_and_dense_false_alarms_an_error():
         ),
         (build_detections([0], [40, 6, 15, 3]).drop_vars("frame"), np.arange(5.0), "without frame"),
         (build_detections([0], [40, 6, 15, 3]), [0.0, 1.0, np.nan], "times_s: nan"),
-        (None, np.arange(5.0), "detections: a NoneType; expected Dataset"),
+        (None, np.arange(5.0), "detections: None; expected Dataset"),
         (build_detections([0.5], [40, 6, 15, 3]), np.arange(5.0), "detections.frame: 0.5"),
         (
             build_detections([0], [40, 6, 15, 3]).assign(range=("detection", ["far"])),
@@ -637,7 +637,7 @@ def test_rejects_pairs_that_exceed_memory(monkeypatch):
 
 
 def test_rejects_object_that_is_not_tracker():
-    with pytest.raises(InvalidSetting, match="tracker: a int"):
+    with pytest.raises(InvalidSetting, match="tracker: an int"):
         track(build_detections([0], [40, 6, 15, 3]), np.arange(5.0), 5)
 
 

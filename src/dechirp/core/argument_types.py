@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 from dechirp.core.annotations import check_annotations
+from dechirp.core.display import describe_class
 from dechirp.core.errors import DechirpError, InvalidSetting
 from dechirp.core.suggestions import did_you_mean_fix
 
@@ -158,7 +159,7 @@ def _type_error(
         is_accepted = issubclass(value, classes.get(argument, ()))
         fix = f"write {value.__name__}(...), an instance" if is_accepted else None
     else:
-        text, fix = f"a {type(value).__name__}", None
+        text, fix = describe_class(type(value)), None
     return _argument_error(function, argument, text, classes, fix)
 
 

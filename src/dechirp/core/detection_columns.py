@@ -10,6 +10,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 import xarray as xr
 
+from dechirp.core.display import describe_class
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.text import EN_DASH, decimals_for_column, format_fixed
 from dechirp.core.units import from_decibels, to_decibels
@@ -330,7 +331,10 @@ def check_type(name: str, argument: object, expected: type[Any], *, fix: str) ->
     """Raise `InvalidSetting` unless an argument is an instance of a class."""
     if not isinstance(argument, expected):
         raise InvalidSetting(
-            name, value=f"a {type(argument).__name__}", expected=f"a {expected.__name__}", fix=fix
+            name,
+            value=describe_class(type(argument)),
+            expected=describe_class(expected),
+            fix=fix,
         )
 
 

@@ -97,6 +97,14 @@ def format_count_with_noun(n: int, noun: str) -> str:
     return f"{n:,} {noun}{ending if n != 1 else ''}"
 
 
+def describe_class(kind: type) -> str:
+    """Write the name of a class with its article: a Radar, an int, an ndarray; None as itself."""
+    if kind is type(None):
+        return "None"
+    name = kind.__name__
+    return f"{'an' if name.startswith(tuple('AEIOaeio')) or name == 'ndarray' else 'a'} {name}"
+
+
 def format_setting_value(value: Any, unit: str | None = None) -> str:
     """Write the value of a setting; of long lists only their length."""
     # Imported here: every value class imports this module, and `dechirp --help` avoids NumPy.

@@ -14,6 +14,7 @@ from dechirp.core.conventions import (
     labelled_variable,
     transmitter_coordinate,
 )
+from dechirp.core.display import describe_class
 from dechirp.core.errors import InvalidSetting
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.frame import Frame
@@ -107,7 +108,7 @@ def _check_axes_and_sizes(cube: xr.DataArray, radar: Radar, axes: tuple[str, ...
     if not isinstance(cube, xr.DataArray):
         raise InvalidSetting(
             "cube",
-            value=f"a {type(cube).__name__}",
+            value=describe_class(type(cube)),
             expected=f"an xarray.DataArray over {', '.join(axes)}",
             fix="name its axes: xarray.DataArray(array, dims=(...))",
         )
